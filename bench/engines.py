@@ -1,6 +1,5 @@
 """Measure the FMUs as WebAssembly components: in wasmtime, Node and Chromium, and on the page."""
 
-import json
 import shutil
 import sys
 import zipfile
@@ -13,6 +12,7 @@ from fmpy import read_model_description
 from playwright.sync_api import Page, sync_playwright
 
 from measure import NATIVE, WASM, run
+from node import in_node
 from pendulum_fmus.project import FMUS, ROOT
 
 PAGE = ROOT / "target" / "page" / "index.html"
@@ -46,17 +46,7 @@ const measure = (fmus, signals, rounds, cycles) => Object.entries(signals).map(
   });
 """
 
-NODE = """
-const fs = require("fs");
-const { files, descriptions, given } = JSON.parse(fs.readFileSync(0, "utf-8"));
-(async () => {
-  const fmus = {};
-  for (const name in files) {
-    fmus[name] = await readFmu(fs.readFileSync(files[name]), () => descriptions[name]);
-  }
-  process.stdout.write(JSON.stringify(measure(fmus, ...given)));
-})();
-"""
+NODE = "const answer = (fmus, given) => measure(fmus, ...given);"
 
 FRAMES = """(seconds) => new Promise((resolve) => {
     let frames = 0, first;
@@ -89,20 +79,6 @@ def in_host(folder: Path, rounds: int, cycles: int) -> dict[str, list[float]]:
             names.append(f"{engine}/{name}")
     lines = [map(float, line.split()) for line in run(words).splitlines()]
     return dict(zip(names, map(list, zip(*lines, strict=True)), strict=True))
-
-
-def in_node(given: list) -> list[list[float]]:
-    """Measure in Node, with descriptions that FMPy has read."""
-    descriptions = {}
-    for name in SIGNALS:
-        d = read_model_description(component(name))
-        variables = {v.name: {"reference": v.valueReference} for v in d.modelVariables}
-        id_ = d.coSimulation.modelIdentifier
-        descriptions[name] = {"name": name, "id": id_, "token": d.guid, "variables": variables}
-    files = {name: str(component(name)) for name in SIGNALS}
-    script = (ROOT / "web" / "fmu.js").read_text(encoding="utf-8") + CYCLES + NODE
-    text = json.dumps({"files": files, "descriptions": descriptions, "given": given})
-    return json.loads(run(["node", "--eval", script], given=text))
 
 
 def frames(page: Page, seconds: float) -> dict[str, float]:
@@ -156,7 +132,10 @@ def measure(folder: Path, *, quick: bool) -> dict[str, Any]:
     costs = {} if quick else in_host(folder, rounds, cycles)
     found: dict[str, Any] = {"costs": costs, "frames": {}, "versions": {}, "sizes": {}}
     if shutil.which("node"):
-        costs |= zip([f"Node/{name}" for name in SIGNALS], in_node(given), strict=True)
+        files = {name: component(name) for name in SIGNALS}
+        costs |= zip(
+            [f"Node/{name}" for name in SIGNALS], in_node(files, CYCLES + NODE, given), strict=True
+        )
         found["versions"]["Node"] = run(["node", "--version"]).strip().removeprefix("v")
     if shutil.which("chromium"):
         of_page = in_chromium(given, seconds)

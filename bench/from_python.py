@@ -6,7 +6,7 @@ tests/matrix/importer.py with `Pid`, in parallel order, so that all masters make
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 WHAT, FOLDER, COUNT = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
@@ -15,7 +15,6 @@ STEP = 0.001
 
 def loop() -> tuple[dict[str, Path], list[tuple[str, str, str, str]]]:
     """Return the FMUs and the connections."""
-    sys.path.append(str(Path(__file__).parents[1] / "tests" / "matrix"))
     sys.argv[1:] = [WHAT, "co-simulation", "pid", str(FOLDER), "", str(COUNT), ""]
     import importer
 
@@ -52,26 +51,23 @@ def fmpy() -> float:
         return (time.perf_counter_ns() - begin) / COUNT
 
 
-def by_hand(in_process: bool) -> Iterator[float]:
+def by_hand(in_process: bool) -> Iterable[float]:
     """Step the loop with instances of `fmu_master`."""
     from fmu_master import Instance
 
-    fmus, connections = loop()
-    own = {name: Instance(file, in_process=in_process) for name, file in fmus.items()}
-    for _ in range(COUNT + 1):
-        yield own["plant"].get("theta")
-        values = [own[source].get(output) for source, output, _, _ in connections]
-        for (_, _, target, name), value in zip(connections, values, strict=True):
-            own[target].set(name, value)
-        for instance in own.values():
-            instance.step(STEP)
+    loop()
+    import importer
+
+    own = {name: Instance(file, in_process=in_process) for name, file in importer.FMUS.items()}
+    return importer.in_parallel(own, lambda instance, _: instance.step(STEP))
 
 
-def stepped(angles: Iterator[float]) -> float:
+def stepped(angles: Iterable[float]) -> float:
     """Return the time of a step [ns], without the initialization."""
-    next(angles)
+    rest = iter(angles)
+    next(rest)
     begin = time.perf_counter_ns()
-    count = sum(1 for _ in angles)
+    count = sum(1 for _ in rest)
     return (time.perf_counter_ns() - begin) / count
 
 

@@ -170,6 +170,7 @@ def run(
 # --- measurements -------------------------------------------------------------------------
 
 NATIVE = ROOT / "target" / "native" / "cargo-fmu"
+MATRIX = ROOT / "tests" / "matrix"
 CRITERION = ROOT / "target" / "criterion"
 SWEEP = ROOT / "examples" / "sweep" / "gains.toml"
 SWEPT = ROOT / "examples" / "closed-loop" / "pid-rbf.toml"
@@ -427,7 +428,7 @@ class Bench:
 
     def from_python(self, what: str, count: int, folder: Path = FMUS) -> float:
         """Return what bench/from_python.py prints."""
-        paths = {"PYTHONPATH": os.pathsep.join(map(str, [self.packages, ROOT / "python"]))}
+        paths = {"PYTHONPATH": os.pathsep.join(map(str, [self.packages, ROOT / "python", MATRIX]))}
         return float(
             run([sys.executable, BENCH / "from_python.py", what, folder, str(count)], paths)
         )

@@ -23,11 +23,9 @@ PLACE = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- / -->", re.DOTALL)
 @pytest.fixture(scope="module")
 def measure(fmus: Path):
     """Import the module of the benchmarks that runs the C host."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(ROOT / "bench")
-        import measure
+    import measure
 
-        yield measure
+    return measure
 
 
 def test_the_c_host_steps_as_documented(measure, tmp_path: Path) -> None:

@@ -1,10 +1,8 @@
 """The page that runs the FMUs, in headless Chromium, and its calls of components in Node, too."""
 
 import base64
-import json
 import re
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 
+import node
 from pendulum_fmus.loop import PREVIOUS_SAMPLE_TERMS, TS, Loop
 from pendulum_fmus.project import ROOT
 
@@ -24,17 +23,7 @@ MODELS = ["Source", "Pid", "PidRbf", "IpidRbf", "Pendulum"]
 
 LOOP = (ROOT / "tests" / "data" / "loop.js").read_text(encoding="utf-8")
 
-NODE = """
-const fs = require("fs");
-const { loops, files, descriptions } = JSON.parse(fs.readFileSync(0, "utf-8"));
-(async () => {
-  const fmus = {};
-  for (const name in files) {
-    fmus[name] = await readFmu(fs.readFileSync(files[name]), () => descriptions[name]);
-  }
-  process.stdout.write(JSON.stringify(loops.map((loop) => couple(loop, fmus))));
-})();
-"""
+NODE = "const answer = (fmus, loops) => loops.map((loop) => couple(loop, fmus));"
 
 
 @pytest.fixture
@@ -56,25 +45,10 @@ Coupled = Callable[[list[dict]], list[dict[str, str]]]
 
 
 def in_node() -> Coupled:
-    """Return a function that couples FMUs in Node, whose descriptions are read by FMPy."""
-    node = shutil.which("node") or pytest.skip("there is no Node")
-
-    def run(loops: list[dict]) -> list[dict[str, str]]:
-        files = {name: WASM / f"{name}_fmi3.fmu" for name in MODELS}
-        descriptions = {}
-        for name, file in files.items():
-            d = read_model_description(file)
-            variables = {v.name: {"reference": v.valueReference} for v in d.modelVariables}
-            id_ = d.coSimulation.modelIdentifier
-            descriptions[name] = {"name": name, "id": id_, "token": d.guid, "variables": variables}
-        script = (ROOT / "web/fmu.js").read_text(encoding="utf-8") + LOOP + NODE
-        paths = {name: str(path) for name, path in files.items()}
-        given = json.dumps({"loops": loops, "files": paths, "descriptions": descriptions})
-        command = [node, "--eval", script]
-        done = subprocess.run(command, input=given, capture_output=True, text=True, check=True)
-        return json.loads(done.stdout)
-
-    return run
+    """Return a function that couples FMUs in Node."""
+    shutil.which("node") or pytest.skip("there is no Node")
+    files = {name: WASM / f"{name}_fmi3.fmu" for name in MODELS}
+    return lambda loops: node.in_node(files, LOOP + NODE, loops)
 
 
 def in_chromium(page: "Page") -> Coupled:

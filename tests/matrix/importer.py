@@ -12,8 +12,9 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 from zipfile import ZipFile
 
 IMPORTER, KIND, CASE, FOLDER, ENDING = sys.argv[1:6]
@@ -322,15 +323,20 @@ def fmugym() -> Iterable[float]:
 
 
 def fmuloader() -> Iterable[float]:
-    """Step the loop here, in parallel, since the bindings have no master."""
+    """Step the loop here, since the bindings have no master."""
     fmus = {name: Loaded(path) for name, path in FMUS.items()}
+    return in_parallel(fmus, lambda fmu, k: fmu.fmi.do_step(k * STEP, STEP))
+
+
+def in_parallel(fmus: Mapping[str, Any], step: Callable[[Any, int], object]) -> Iterable[float]:
+    """Step FMUs with `get` and `set` in parallel order, each by a function of it and the number."""
     for k in range(STEPS + 1):
         yield fmus["plant"].get("theta")
         values = [fmus[source].get(output) for source, output, _, _ in CONNECTIONS]
         for (_, _, target, input_), value in zip(CONNECTIONS, values, strict=True):
             fmus[target].set(input_, value)
         for fmu in fmus.values():
-            fmu.fmi.do_step(k * STEP, STEP)
+            step(fmu, k)
 
 
 class Loaded:

@@ -12,10 +12,10 @@ use fmu_master::Written;
 use fmu_master::run::Failed;
 use fmu_master::single::{Answer, Ask, Names, Setup, Single};
 use fmu_worker::{Event, Record, Worker};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyFloat;
 
-use crate::columns::to_python;
+use crate::columns::{from_python, to_python};
 use crate::job::{Job, interface};
 use crate::run::{PERIOD, error, raised, start};
 
@@ -110,20 +110,14 @@ fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Answe
 }
 
 fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
-    // The usual case first: a conversion that fails makes an exception.
-    if let Ok(value) = value.cast::<PyFloat>() {
-        return Ok(Written::Real(value.value()));
-    }
-    if let Ok(value) = value.extract() {
-        return Ok(Written::Boolean(value));
-    }
-    if let Ok(value) = value.extract() {
-        return Ok(Written::Integer(value));
-    }
-    match value.extract() {
-        Ok(value) => Ok(Written::Real(value)),
-        Err(_) => value.extract().map(Written::Text),
-    }
+    Ok(match from_python(value)? {
+        Value::Boolean(value) => Written::Boolean(value),
+        Value::Int64(value) => Written::Integer(value),
+        Value::String(text) => Written::Text(text),
+        number => Written::Real(number.as_real().ok_or_else(|| {
+            PyTypeError::new_err(format!("{value} is no number, Boolean or text"))
+        })?),
+    })
 }
 
 /// A variable as Python gets it: name, causality, variability, type, unit, start values, description, dimensions.

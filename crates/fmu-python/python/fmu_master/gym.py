@@ -111,7 +111,7 @@ class _End(BaseException):
 
 
 class _Loop:
-    """A run of a system in a thread, with a component in Python that acts as it is told.
+    """A run of a system in a thread, with a component in Python that applies the actions.
 
     It has the methods of an instance that is stepped by hand.
     """
