@@ -189,7 +189,7 @@ function drawScene() {
     const at = width / 2 + (n * tick - centre) * metre;
     c.moveTo(at, ground);
     c.lineTo(at, ground + 5);
-    c.fillText(`${+(n * tick).toFixed(2)} m`, at, ground + 17);
+    if (at > 20 && at < width - 20) c.fillText(`${+(n * tick).toFixed(2)} m`, at, ground + 17);
   }
   c.stroke();
   c.textAlign = "left";
