@@ -18,7 +18,7 @@ use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
 use crate::lifecycle::{Integration, Lifecycle, Mode};
 use crate::log::{self, Category, Log};
-use crate::model::{Kind, ModelError, Start};
+use crate::model::{Kind, ModelError, Start, ensure, refused};
 use crate::resources::Folder;
 
 /// The outcome of a call, numbered like the statuses of FMI, so that converting it is free.
@@ -320,21 +320,15 @@ impl Component {
         stop: Option<f64>,
         tolerance: Option<f64>,
     ) -> Result<(), ModelError> {
-        if !start.is_finite() {
-            return Err(ModelError::refuse(format_args!(
-                "the start time is {start}; expected a finite number"
-            )));
-        }
-        if let Some(stop) = stop
-            && !(stop.is_finite() && stop >= start)
-        {
-            return Err(ModelError::refuse(format_args!(
-                "the stop time is {stop}; expected a finite number, at least the start time {start}"
-            )));
-        }
+        ensure!(start.is_finite(), "the start time is {start}; expected a finite number");
+        let stop = stop.unwrap_or(f64::MAX);
+        ensure!(
+            stop.is_finite() && stop >= start,
+            "the stop time is {stop}; expected a finite number, at least the start time {start}"
+        );
         let lifecycle = &mut self.shared.lifecycle;
         lifecycle.start_time = start;
-        lifecycle.stop_time = stop.unwrap_or(f64::MAX);
+        lifecycle.stop_time = stop;
         lifecycle.tolerance = tolerance;
         Ok(())
     }
@@ -394,13 +388,15 @@ impl Component {
             _ => (State::StepReconfiguration, Variability::Tunable),
         };
         let (has_any, has_tunable) = self.model.facts().structural_parameters;
-        if needed == Variability::Fixed && !has_any {
-            return Err(ModelError::refuse("the model has no structural parameters"));
-        }
-        if needed == Variability::Tunable && !has_tunable {
-            let reason = "the model has no tunable structural parameters";
-            return Err(ModelError::refuse(reason));
-        }
+        let is_needed = |variability| needed == variability;
+        ensure!(
+            has_any || !is_needed(Variability::Fixed),
+            "the model has no structural parameters"
+        );
+        ensure!(
+            has_tunable || !is_needed(Variability::Tunable),
+            "the model has no tunable structural parameters"
+        );
         self.enter(next);
         Ok(())
     }
@@ -421,11 +417,7 @@ impl Component {
 
     /// Sets the time of model exchange.
     pub(crate) fn set_time(&mut self, time: f64) -> Result<(), ModelError> {
-        if !time.is_finite() {
-            return Err(ModelError::refuse(format_args!(
-                "the time is {time:?}; expected a finite number"
-            )));
-        }
+        ensure!(time.is_finite(), "the time is {time:?}; expected a finite number");
         let lifecycle = &mut self.shared.lifecycle;
         lifecycle.stale |= time != lifecycle.time;
         lifecycle.time = time;
@@ -435,9 +427,7 @@ impl Component {
     pub(crate) fn set_continuous_states(&mut self, states: &[f64]) -> Result<(), ModelError> {
         self.check_length(Numbers::States, states.len())?;
         if let Some(&value) = states.iter().find(|value| !value.is_finite()) {
-            return Err(ModelError::refuse(format_args!(
-                "a state is {value}; expected finite numbers"
-            )));
+            return refused!("a state is {value}; expected finite numbers");
         }
         if self.shared.lifecycle.state == State::Event {
             let message = "states are set in event mode, which the standard does not allow";
@@ -463,12 +453,11 @@ impl Component {
             Numbers::EventIndicators => "event indicators",
             _ => "continuous states",
         };
-        match found == expected {
-            true => Ok(()),
-            false => Err(ModelError::refuse(format_args!(
-                "the array has {found} elements; expected {expected}, the number of {what}"
-            ))),
-        }
+        ensure!(
+            found == expected,
+            "the array has {found} elements; expected {expected}, the number of {what}"
+        );
+        Ok(())
     }
 
     /// Handles what is due in event mode: samples, time events, and what has happened now.
@@ -615,32 +604,29 @@ impl Component {
     }
 
     fn check_saved(&self) -> Result<(), ModelError> {
-        match self.model.facts().is_unsaved {
-            false => Ok(()),
-            true => Err(ModelError::refuse(
-                "the model has fields that cannot be saved: canGetAndSetFMUState is false",
-            )),
-        }
+        ensure!(
+            !self.model.facts().is_unsaved,
+            "the model has fields that cannot be saved: canGetAndSetFMUState is false"
+        );
+        Ok(())
     }
 
     /// Restores a snapshot of this or another instance of the model.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), ModelError> {
         let shared = &mut self.shared;
         let (found, expected) = (snapshot.lifecycle.mode, shared.lifecycle.mode);
-        if found != expected {
-            return Err(ModelError::refuse(format_args!(
-                "the state is that of an instance for {}; expected one for {}",
-                found.name(),
-                expected.name()
-            )));
-        }
-        if !self.model.assign(snapshot.model.as_ref()) {
-            return Err(ModelError::refuse(format_args!(
-                "the state belongs to the model {}, not to {}",
-                text(&snapshot.guid),
-                text(shared.guid)
-            )));
-        }
+        ensure!(
+            found == expected,
+            "the state is that of an instance for {}; expected one for {}",
+            found.name(),
+            expected.name()
+        );
+        ensure!(
+            self.model.assign(snapshot.model.as_ref()),
+            "the state belongs to the model {}, not to {}",
+            text(&snapshot.guid),
+            text(shared.guid)
+        );
         shared.lifecycle = snapshot.lifecycle;
         Ok(())
     }
@@ -650,9 +636,7 @@ impl Component {
         let mut payload = Saver::default();
         let is_own = self.model.type_id() == (*state.model).type_id();
         let saved = payload.put(&state.lifecycle).is_ok() && state.model.save(&mut payload).is_ok();
-        if !is_own || !saved {
-            return Err(ModelError::refuse("the state belongs to another model"));
-        }
+        ensure!(is_own && saved, "the state belongs to another model");
         let mut bytes =
             [&MAGIC[..], &VERSION.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
         bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
@@ -675,13 +659,12 @@ impl Component {
             return Err(damaged());
         }
         let (version, expected) = (u32::from_le_bytes(*version), self.shared.guid);
-        if version != VERSION || guid != expected {
-            return Err(ModelError::refuse(format_args!(
-                "the bytes are a state of the model {}, format {version}; expected {}, format {VERSION}",
-                text(guid),
-                text(expected)
-            )));
-        }
+        ensure!(
+            version == VERSION && guid == expected,
+            "the bytes are a state of the model {}, format {version}; expected {}, format {VERSION}",
+            text(guid),
+            text(expected)
+        );
         let mut loader = Loader::new(payload);
         let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
         let Lifecycle { mode, state, .. } = lifecycle;

@@ -6,7 +6,7 @@ use fmu_description::{Causality, Dynamics, Type, Value};
 
 use crate::bound::AnyModel;
 use crate::component::Component;
-use crate::model::ModelError;
+use crate::model::{ModelError, ensure, refused};
 use crate::values::{check_type, unknown};
 
 impl Component {
@@ -81,11 +81,10 @@ impl Component {
         knowns: &[u32],
         direction: &[f64],
     ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
-        if !self.model.facts().has_directional_derivatives {
-            return Err(ModelError::refuse(
-                "the model has no derivatives: providesDirectionalDerivative is false",
-            ));
-        }
+        ensure!(
+            self.model.facts().has_directional_derivatives,
+            "the model has no derivatives: providesDirectionalDerivative is false"
+        );
         let is_initial = self.shared.lifecycle.state == State::Initialization;
         for &reference in unknowns {
             let expected = "an output, a state, a derivative or an event indicator";
@@ -109,9 +108,7 @@ impl Component {
             })?;
         }
         if let Some(change) = direction.iter().find(|change| !change.is_finite()) {
-            return Err(ModelError::refuse(format_args!(
-                "the direction contains {change}; expected finite numbers"
-            )));
+            return refused!("the direction contains {change}; expected finite numbers");
         }
         self.prepare(true)
     }
@@ -127,7 +124,7 @@ impl Component {
         match self.model.find(reference) {
             None => Err(unknown(count, reference)),
             Some(scalar) if !has_part(scalar.variable) => {
-                Err(ModelError::refuse(format_args!("{} is not {expected}", scalar.name())))
+                refused!("{} is not {expected}", scalar.name())
             }
             Some(scalar) => check_type(&scalar, Type::Float64, version),
         }
@@ -199,17 +196,15 @@ impl Component {
             let count = self.model.facts().count;
             let scalar = self.model.find(reference);
             let name = scalar.ok_or_else(|| unknown(count, reference))?.name();
-            if self.model.input_derivative(reference).is_none() {
-                return Err(ModelError::refuse(format_args!(
-                    "the host cannot set the input derivative of {name}"
-                )));
-            }
+            ensure!(
+                self.model.input_derivative(reference).is_some(),
+                "the host cannot set the input derivative of {name}"
+            );
             check_order(&name, order)?;
-            if !value.is_finite() {
-                return Err(ModelError::refuse(format_args!(
-                    "the derivative of {name} = {value} is refused; expected a finite number"
-                )));
-            }
+            ensure!(
+                value.is_finite(),
+                "the derivative of {name} = {value} is refused; expected a finite number"
+            );
         }
         for (&reference, &value) in references.iter().zip(values) {
             if let Some(derivative) = self.model.input_derivative(reference) {
@@ -254,23 +249,17 @@ impl Component {
         let scalar = self.model.find(reference);
         let scalar = scalar.ok_or_else(|| unknown(facts.count, reference))?;
         let name = scalar.name();
-        if scalar.variable.causality != Causality::Output {
-            return Err(ModelError::refuse(format_args!("{name} is not an output")));
-        }
+        ensure!(scalar.variable.causality == Causality::Output, "{name} is not an output");
         check_order(&name, order)?;
         let mut states = facts.states.iter();
         match states.find(|integrated| integrated.state == reference) {
             Some(integrated) => Ok(integrated.derivative),
-            None => Err(ModelError::refuse(format_args!("the derivative of {name} is not known"))),
+            None => refused!("the derivative of {name} is not known"),
         }
     }
 }
 
 fn check_order(name: &str, order: i32) -> Result<(), ModelError> {
-    match order {
-        1 => Ok(()),
-        _ => Err(ModelError::refuse(format_args!(
-            "the derivative of {name} is of order {order}; expected 1"
-        ))),
-    }
+    ensure!(order == 1, "the derivative of {name} is of order {order}; expected 1");
+    Ok(())
 }

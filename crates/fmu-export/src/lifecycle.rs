@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::clock::SampleClock;
 use crate::log::{Category, Log};
-use crate::model::ModelError;
+use crate::model::{ModelError, ensure};
 
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;
@@ -141,37 +141,29 @@ impl Lifecycle {
         step: f64,
         log: &Log,
     ) -> Result<(), ModelError> {
-        if !step.is_finite() || step < 0.0 {
-            return Err(ModelError::refuse(format_args!(
-                "the communication step is {step:?}; expected a finite number of at least 0"
-            )));
-        }
-        if !time.is_finite() {
-            return Err(ModelError::refuse(format_args!(
-                "the communication point is {time:?}; expected a finite number"
-            )));
-        }
+        ensure!(
+            step.is_finite() && step >= 0.0,
+            "the communication step is {step:?}; expected a finite number of at least 0"
+        );
+        ensure!(time.is_finite(), "the communication point is {time:?}; expected a finite number");
         // Hosts accumulate or multiply times, with different rounding errors.
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
         let (start, end, stop) = (self.start_time, self.time, self.stop_time);
         let (is_first, late) = (end == BEFORE_FIRST_STEP, time - start);
-        if !is_first && (time - end).abs() > tolerance {
-            return Err(ModelError::refuse(format_args!(
-                "the communication point is {time:?}; expected {end}, where the last step ended"
-            )));
-        }
+        ensure!(
+            is_first || (time - end).abs() <= tolerance,
+            "the communication point is {time:?}; expected {end}, where the last step ended"
+        );
         // A sampled loop may start at its first sample.
-        if is_first && (late < -tolerance || late > step + tolerance) {
-            return Err(ModelError::refuse(format_args!(
-                "the first communication point is {time:?}; expected the start time {start}"
-            )));
-        }
-        if time + step > stop + tolerance {
-            return Err(ModelError::refuse(format_args!(
-                "the step ends at {:?}, past the stop time {stop:?}",
-                time + step
-            )));
-        }
+        ensure!(
+            !is_first || (-tolerance <= late && late <= step + tolerance),
+            "the first communication point is {time:?}; expected the start time {start}"
+        );
+        let step_end = time + step;
+        ensure!(
+            step_end <= stop + tolerance,
+            "the step ends at {step_end:?}, past the stop time {stop:?}"
+        );
         if is_first && late > tolerance {
             log.send(
                 Category::Warning,

@@ -245,6 +245,24 @@ fn name_of_resource(file: &Path) -> Result<&Path, ModelError> {
     }
 }
 
+/// The result of a call that is refused, with a message.
+macro_rules! refused {
+    ($($message:tt)+) => {
+        Err($crate::ModelError::refuse(format_args!($($message)+)))
+    };
+}
+
+/// Refuses a call unless a condition holds: `ensure!(step > 0.0, "the step is {step}; expected a positive number")`.
+macro_rules! ensure {
+    ($condition:expr, $($message:tt)+) => {
+        match $condition {
+            true => {}
+            false => return $crate::model::refused!($($message)+),
+        }
+    };
+}
+pub(crate) use {ensure, refused};
+
 /// An error of a model, with a message for the user.
 ///
 /// The operator `?` converts any error to it.

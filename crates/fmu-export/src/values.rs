@@ -9,7 +9,7 @@ use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
 
 use crate::component::Component;
 use crate::lifecycle::{Lifecycle, Mode};
-use crate::model::ModelError;
+use crate::model::{ModelError, ensure, refused};
 
 /// A value from the host, which a number of another type may stand for.
 pub(crate) enum Given {
@@ -102,10 +102,7 @@ impl Component {
         if self.is_time(element) {
             return match of_type {
                 Type::Float64 => Ok(Value::Float64(self.shared.lifecycle.now())),
-                other => Err(ModelError::refuse(format_args!(
-                    "time is of type Float64, not {}",
-                    other.as_str()
-                ))),
+                other => refused!("time is of type Float64, not {}", other.as_str()),
             };
         }
         let scalar = self.find(of_type, element)?;
@@ -149,35 +146,28 @@ impl Component {
             let count = match self.model.elements(reference) {
                 _ if self.is_time(reference) => 1,
                 Some(count) => count as u32,
-                None => {
-                    return Err(ModelError::refuse(format_args!(
-                        "value reference {reference} is unknown"
-                    )));
-                }
+                None => return refused!("value reference {reference} is unknown"),
             };
             elements.extend(reference..reference + count);
         }
         let count = elements.len();
-        match count == n {
-            true => Ok(elements.into()),
-            false => Err(ModelError::refuse(format_args!(
-                "there are {n} values; expected {count}, the number of elements of the variables"
-            ))),
-        }
+        ensure!(
+            count == n,
+            "there are {n} values; expected {count}, the number of elements of the variables"
+        );
+        Ok(elements.into())
     }
 
     /// Checks that a host accesses the variables that it has announced, in an intermediate update.
     pub(crate) fn check_announced(&self, references: &[u32]) -> Result<(), ModelError> {
         let announced = &self.shared.settings.intermediate_variables;
         let is_announced = |reference: &u32| announced.contains(reference);
-        if self.shared.lifecycle.state != State::IntermediateUpdate
-            || references.iter().all(is_announced)
-        {
-            return Ok(());
-        }
-        Err(ModelError::refuse(
-            "in an intermediate update, only the required intermediate variables can be accessed",
-        ))
+        ensure!(
+            self.shared.lifecycle.state != State::IntermediateUpdate
+                || references.iter().all(is_announced),
+            "in an intermediate update, only the required intermediate variables can be accessed"
+        );
+        Ok(())
     }
 
     /// Sets variables by the functions of a type, all or none.
@@ -189,11 +179,10 @@ impl Component {
         given: &dyn Fn(usize) -> Given,
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
-        if references.iter().any(|&reference| self.is_time(reference)) {
-            return Err(ModelError::refuse(
-                "time is the independent variable, which the host does not set",
-            ));
-        }
+        ensure!(
+            !references.iter().any(|&reference| self.is_time(reference)),
+            "time is the independent variable, which the host does not set"
+        );
         let elements = self.elements(references, n)?;
         for (i, &element) in elements.iter().enumerate() {
             self.check(of_type, element, given(i))?;
@@ -228,16 +217,11 @@ impl Component {
         if let Some(why) = not_settable(scalar.variable, state, mode)
             && !is_same(self)
         {
-            return Err(ModelError::refuse(format_args!("{} is {why}", scalar.name())));
+            return refused!("{} is {why}", scalar.name());
         }
-        match value {
-            Ok(_) => Ok(()),
-            Err(value) => Err(ModelError::refuse(format_args!(
-                "{} = {value} is refused; expected {}",
-                scalar.name(),
-                expected(scalar.variable)
-            ))),
-        }
+        let Err(value) = value else { return Ok(()) };
+        let expected = expected(scalar.variable);
+        refused!("{} = {value} is refused; expected {expected}", scalar.name())
     }
 }
 
@@ -351,13 +335,13 @@ pub(crate) fn check_type(
         return Ok(());
     }
     let name = scalar.name();
-    Err(match own {
-        Type::Binary if version == Version::Fmi2 => ModelError::refuse(format_args!(
-            "{name} is of type Binary, which is not available in FMI 2.0"
-        )),
-        Type::Enumeration => ModelError::refuse(format_args!(
-            "{name} is of type Enumeration, which is accessed as {accessed}, not {found}"
-        )),
-        _ => ModelError::refuse(format_args!("{name} is of type {accessed}, not {found}")),
-    })
+    match own {
+        Type::Binary if version == Version::Fmi2 => {
+            refused!("{name} is of type Binary, which is not available in FMI 2.0")
+        }
+        Type::Enumeration => {
+            refused!("{name} is of type Enumeration, which is accessed as {accessed}, not {found}")
+        }
+        _ => refused!("{name} is of type {accessed}, not {found}"),
+    }
 }
