@@ -128,20 +128,13 @@ impl Pid {
     /// Takes one sample and returns the force u (N), which includes another force `u_n` (N).
     #[inline(always)]
     pub(crate) fn sample_with(&mut self, r: f64, y: f64, d: f64, u_n: f64) -> f64 {
-        if self.anti_windup {
-            return self.sample_with_anti_windup(r, y, d, u_n);
-        }
-        self.sample_limited(r, y, d, u_n)
-    }
-
-    // Not inlined: inlined, it costs the FMU 6 ns per sample even when it is off.
-    #[inline(never)]
-    fn sample_with_anti_windup(&mut self, r: f64, y: f64, d: f64, u_n: f64) -> f64 {
         let sum = self.terms.x3;
         let u = self.sample_limited(r, y, d, u_n);
-        let excess = self.u_p + u_n - u;
-        if excess * self.gains.ki * self.e > 0.0 {
-            self.terms.x3 = sum;
+        if self.anti_windup {
+            let excess = self.u_p + u_n - u;
+            if excess * self.gains.ki * self.e > 0.0 {
+                self.terms.x3 = sum;
+            }
         }
         u
     }

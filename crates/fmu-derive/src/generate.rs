@@ -208,29 +208,37 @@ impl Field {
         quote!(#(#arms)*)
     }
 
-    /// The statement of `add_outputs`; of an array, it adds the elements in use.
-    pub fn add_outputs(&self, others: &[Self]) -> Option<TokenStream> {
+    /// A Real output that is no array, as `f64`.
+    pub fn scalar_output(&self) -> Option<TokenStream> {
+        let ident = &self.ident;
+        (self.is_real_output() && self.dimensions().is_empty())
+            .then(|| quote!(::core::primitive::f64::from(self.#ident)))
+    }
+
+    /// Whether the Real outputs are finite in an array, of which the elements in use count, or in nested structs.
+    pub fn has_finite_outputs(&self, others: &[Self]) -> Option<TokenStream> {
         let (ident, krate) = (&self.ident, &self.krate);
-        if let Some(add) = self.nested(&quote!(add_outputs)) {
+        if let Some(has) = self.nested(&quote!(has_finite_outputs)) {
             let places = self.places().into_iter().map(|(place, _)| place);
-            return Some(quote!(#(let sum = #add(&#places, sum);)*));
-        }
-        if self.role != Role::Output || !self.of_type.is_float() {
-            return None;
+            return Some(quote!(true #(&& #has(&#places))*));
         }
         let dimensions = self.dimensions().len();
-        let size = others.iter().find(|parameter| parameter.is_size_of(self));
-        let sum = match (dimensions, size.map(|size| &size.ident)) {
-            (0, _) => quote!(f64::from(self.#ident)),
-            (_, Some(size)) => {
-                quote!(#krate::sum(#krate::in_use(&self.#ident, self.#size)))
+        if !self.is_real_output() || dimensions == 0 {
+            return None;
+        }
+        Some(match others.iter().find(|parameter| parameter.is_size_of(self)) {
+            Some(Self { ident: size, .. }) => {
+                quote!(#krate::are_finite(#krate::in_use(&self.#ident, self.#size)))
             }
-            _ => {
+            None => {
                 let flatten = (1..dimensions).map(|_| quote!(.as_flattened()));
-                quote!(#krate::sum(&self.#ident #(#flatten)*))
+                quote!(#krate::are_finite(&self.#ident #(#flatten)*))
             }
-        };
-        Some(quote!(let sum = sum + #sum;))
+        })
+    }
+
+    fn is_real_output(&self) -> bool {
+        self.role == Role::Output && self.of_type.is_float()
     }
 
     /// The default value. `Default` and `Deserialize` end at 32 elements.

@@ -16,6 +16,7 @@ use fmu_description::{Loader, Saver, Variability};
 
 use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
+use crate::instance::put;
 use crate::lifecycle::{Integration, Lifecycle, Mode};
 use crate::log::{self, Category, Log};
 use crate::model::{Kind, ModelError, Start, ensure, refused};
@@ -113,8 +114,8 @@ pub(crate) struct Hot {
     #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
     pub(crate) set_variables:
         unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Outcome,
-    /// Takes a step.
-    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64) -> Outcome,
+    /// Takes a step, and writes to the last pointer, unless it is NULL, where the step ended.
+    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, *mut f64) -> Outcome,
     pub(crate) component: unsafe fn(Pointer) -> *mut Component,
     pub(crate) free: unsafe fn(Pointer),
 }
@@ -135,6 +136,8 @@ pub(crate) struct Shared {
     pub(crate) settings: Settings,
     guid: &'static Guid,
     variant: Option<Variant>,
+    /// Whether the host sees what happens in a step, which is then taken in parts.
+    pub(crate) is_stepped_in_parts: bool,
     /// The texts and the binary values that the last call returned, which live until the next one.
     pub(crate) texts: Vec<CString>,
     pub(crate) binaries: Vec<Vec<u8>>,
@@ -180,6 +183,8 @@ impl<M: AnyModel> Component<M> {
             shared: Shared {
                 hot,
                 lifecycle: Lifecycle::new(settings.mode),
+                is_stepped_in_parts: settings.mode != Mode::CoSimulation
+                    || settings.intermediate_update.is_some(),
                 settings,
                 guid,
                 variant,
@@ -190,13 +195,6 @@ impl<M: AnyModel> Component<M> {
             },
             model,
         }
-    }
-}
-
-impl Shared {
-    /// Whether the host sees what happens in a step, which is then taken in parts.
-    pub(crate) fn is_stepped_in_parts(&self) -> bool {
-        self.lifecycle.mode != Mode::CoSimulation || self.settings.intermediate_update.is_some()
     }
 }
 
@@ -280,16 +278,9 @@ impl Component {
         self.refuse(call, error.reason())
     }
 
-    /// Logs why a step failed, and enters the state that follows.
     #[cold]
     #[inline(never)]
-    pub(crate) fn fail_step(&mut self, error: ModelError, time: f64, step: f64) -> Outcome {
-        self.fail(&self.shared.settings.edge.do_step, error.in_step(time, step))
-    }
-
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn fail_by_panic(&mut self, call: &Call, panic: Box<dyn Any + Send>) -> Outcome {
+    fn fail_by_panic(&mut self, call: &Call, panic: Box<dyn Any + Send>) -> Outcome {
         self.shared.lifecycle.state = State::Fatal;
         let text = log::text_of_panic(&*panic);
         let (name, place) = (call.name, log::take_place_of_panic());
@@ -536,8 +527,6 @@ impl Component {
     }
 
     /// Checks a step. Returns the outcome of the call if no step is to be taken.
-    #[cold]
-    #[inline(never)]
     pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
         let call = &self.shared.settings.edge.do_step;
         let outcome = self.call(call, |c| {
@@ -545,6 +534,62 @@ impl Component {
         });
         // Some hosts iterate events with steps of 0.
         (outcome != Outcome::Ok || step == 0.0).then_some(outcome)
+    }
+
+    /// Takes any step, and writes where it ended.
+    ///
+    /// # Safety
+    /// `end` is NULL or writable.
+    #[cold]
+    #[inline(never)]
+    pub(crate) unsafe fn step(&mut self, time: f64, step: f64, end: *mut f64) -> Outcome {
+        if !self.shared.lifecycle.is_next_step(time, step)
+            && let Some(outcome) = self.refuse_step(time, step)
+        {
+            // SAFETY: the caller's promise.
+            unsafe { put(end, self.shared.lifecycle.now()) };
+            return outcome;
+        }
+        let taken = catch_unwind(AssertUnwindSafe(|| {
+            match self.model.facts().is_integrated {
+                true => self.integrate(time, step)?,
+                false => self.take_step(time, step)?,
+            }
+            if self.shared.lifecycle.has_input_derivatives {
+                self.model.clear_input_derivatives();
+                self.shared.lifecycle.has_input_derivatives = false;
+            }
+            Ok(())
+        }));
+        // SAFETY: the caller's promise.
+        unsafe { self.end_step(taken, time, step, end) }
+    }
+
+    /// Ends a step that the model took. It failed if the model says so or panicked, or if an output is not finite.
+    ///
+    /// # Safety
+    /// As [`step`](Self::step).
+    #[cold]
+    #[inline(never)]
+    pub(crate) unsafe fn end_step(
+        &mut self,
+        taken: std::thread::Result<Result<(), ModelError>>,
+        time: f64,
+        step: f64,
+        end: *mut f64,
+    ) -> Outcome {
+        let call = &self.shared.settings.edge.do_step;
+        let outcome = match taken.map(|taken| taken.and_then(|()| self.model.check_outputs())) {
+            Ok(Ok(())) => {
+                self.shared.lifecycle.time = time + step;
+                Outcome::Ok
+            }
+            Ok(Err(error)) => self.fail(call, error.in_step(time, step)),
+            Err(panic) => self.fail_by_panic(call, panic),
+        };
+        // SAFETY: the caller's promise.
+        unsafe { put(end, self.shared.lifecycle.now()) };
+        outcome
     }
 
     /// Takes a step, or the samples in it, by the function of the model.

@@ -42,6 +42,18 @@ pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a m
     }
 }
 
+/// Writes a result that the host may not want.
+///
+/// # Safety
+/// The pointer is NULL or writable.
+#[inline(always)]
+pub(crate) unsafe fn put<T>(pointer: *mut T, value: T) {
+    if !pointer.is_null() {
+        // SAFETY: not NULL, and writable by the caller's promise.
+        unsafe { pointer.write(value) };
+    }
+}
+
 /// The part of an instance that does not depend on the model; `None` for NULL.
 ///
 /// # Safety
@@ -180,59 +192,53 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         set_arrays(n, *const f64, n_values) = set_arrays(from_raw_parts n_values), else set_float64;
     }
 
-    /// Takes a step, checked quickly if it is a regular one.
+    /// Takes a step, quickly if it is a plain one. Nothing but such a step is in this function, so that it needs
+    /// no memory for anything else.
     ///
     /// # Safety
     /// As for all functions of [`Hot`].
-    unsafe extern "C" fn step(instance: Pointer, time: f64, step: f64) -> Outcome {
+    unsafe extern "C" fn step(instance: Pointer, time: f64, step: f64, end: *mut f64) -> Outcome {
         // SAFETY: the caller's promise.
         let c = unsafe { Self::of(instance) };
-        if !c.shared.lifecycle.is_next_step(time, step)
-            && let Some(outcome) = (c as &mut Component).refuse_step(time, step)
-        {
-            return outcome;
+        if !c.is_plain_step(time, step) {
+            // SAFETY: the caller's promise.
+            return unsafe { (c as &mut Component).step(time, step, end) };
         }
-        let taken = catch_unwind(AssertUnwindSafe(|| {
-            c.simulate(time, step)?;
-            let lifecycle = &mut c.shared.lifecycle;
-            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && lifecycle.has_input_derivatives {
-                (&mut c.model as &mut dyn AnyModel).clear_input_derivatives();
-                lifecycle.has_input_derivatives = false;
-            }
-            Ok(())
-        }));
-        match taken {
-            Ok(Ok(())) => {
+        let instance = &mut *c;
+        match catch_unwind(AssertUnwindSafe(move || instance.take_plain_step(time, step))) {
+            Ok(Ok(())) if c.model.model.has_finite_outputs() => {
                 c.shared.lifecycle.time = time + step;
+                // SAFETY: the caller's promise.
+                unsafe { put(end, time + step) };
                 Outcome::Ok
             }
-            Ok(Err(error)) => (c as &mut Component).fail_step(error, time, step),
-            Err(panic) => {
-                let call = &c.shared.settings.edge.do_step;
-                (c as &mut Component).fail_by_panic(call, panic)
-            }
+            // SAFETY: the caller's promise.
+            Ok(taken) => unsafe { (c as &mut Component).end_step(Ok(taken), time, step, end) },
+            // SAFETY: the caller's promise.
+            Err(panic) => unsafe { (c as &mut Component).end_step(Err(panic), time, step, end) },
         }
     }
 
-    /// Integrates a step or takes it by the function of the model. A step with one sample, as most have, is left to
-    /// no other function.
+    /// Whether a step continues from the last one and is taken by one call of the model's function.
     #[inline(always)]
-    fn simulate(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        if M::IS_INTEGRATED {
-            return (self as &mut Component).integrate(time, step);
+    fn is_plain_step(&self, time: f64, step: f64) -> bool {
+        let lifecycle = &self.shared.lifecycle;
+        !M::IS_INTEGRATED
+            && lifecycle.is_next_step(time, step)
+            && (!M::IS_SAMPLED || lifecycle.clock.is_one_due(time, step))
+            && !(Bound::<M, N>::HAS_INPUT_DERIVATIVES && lifecycle.has_input_derivatives)
+    }
+
+    #[inline(always)]
+    fn take_plain_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        if !M::IS_SAMPLED {
+            return self.model.step(time, step);
         }
-        if M::IS_SAMPLED {
-            let clock = &mut self.shared.lifecycle.clock;
-            if !clock.is_one_due(time, step) {
-                return (self as &mut Component).take_step(time, step);
-            }
-            let sample_time = self.model.sample_time();
-            self.model.step(clock.next_instant(sample_time), sample_time)?;
-            clock.advance();
-        } else {
-            self.model.step(time, step)?;
-        }
-        self.model.check_outputs()
+        let clock = &mut self.shared.lifecycle.clock;
+        let sample_time = self.model.sample_time();
+        self.model.step(clock.next_instant(sample_time), sample_time)?;
+        clock.advance();
+        Ok(())
     }
 }
 

@@ -25,7 +25,7 @@ use super::{c_text, instantiate, text};
 use crate::bound::Numbers;
 use crate::component::{Component, Edge, IntermediateUpdate, Outcome, Settings};
 use crate::entry::Entry;
-use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
+use crate::instance::{NULL_ARRAY, component, free, put, shared, slice, slice_mut};
 use crate::lifecycle::Mode;
 use crate::log::{Category, Log, Sink};
 use crate::model::ModelError;
@@ -203,32 +203,21 @@ pub unsafe extern "C" fn fmi3DoStep(
     last_successful_time: *mut f64,
 ) -> fmi3Status {
     // SAFETY: the host's promises, as for all entry points; some hosts pass NULL for results.
-    unsafe {
-        // Before the step, whose registers need not be saved then.
+    let outcome = unsafe {
         put(event_handling_needed, fmi3False);
         put(terminate, fmi3False);
         put(early_return, fmi3False);
-        let Some(shared) = shared(instance) else {
-            return fmi3Error;
-        };
-        if shared.is_stepped_in_parts() {
-            let (event, early, last) = (event_handling_needed, early_return, last_successful_time);
-            return step_in_parts(instance, time, step, event, early, last);
+        match shared(instance) {
+            Some(shared) if shared.is_stepped_in_parts => {
+                let (event, early, last) =
+                    (event_handling_needed, early_return, last_successful_time);
+                step_in_parts(instance, time, step, event, early, last)
+            }
+            Some(shared) => (shared.hot.step)(instance, time, step, last_successful_time),
+            None => Outcome::Error,
         }
-        let outcome = (shared.hot.step)(instance, time, step);
-        put(last_successful_time, shared.lifecycle.now());
-        fmi3Status(outcome as c_int)
-    }
-}
-
-/// # Safety
-/// The pointer is NULL or writable.
-#[inline(always)]
-unsafe fn put<T>(pointer: *mut T, value: T) {
-    if !pointer.is_null() {
-        // SAFETY: not NULL, and writable by the caller's promise.
-        unsafe { pointer.write(value) };
-    }
+    };
+    fmi3Status(outcome as c_int)
 }
 
 /// A step that the host sees into.
@@ -245,14 +234,14 @@ unsafe extern "C" fn step_in_parts(
     event_handling_needed: *mut fmi3Boolean,
     early_return: *mut fmi3Boolean,
     last_successful_time: *mut f64,
-) -> fmi3Status {
+) -> Outcome {
     // SAFETY: the caller's promise.
     unsafe {
         let (outcome, results) = in_parts(instance, time, step);
         put(event_handling_needed, results.event_handling_needed.into());
         put(early_return, results.early_return.into());
         put(last_successful_time, results.last_successful_time);
-        fmi3Status(outcome as c_int)
+        outcome
     }
 }
 

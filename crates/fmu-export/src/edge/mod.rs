@@ -74,10 +74,11 @@ macro_rules! entry {
 }
 
 /// Defines the entry points that hosts call at every step, each by a function of
-/// [`Hot`](crate::component::Hot) with the same arguments.
+/// [`Hot`](crate::component::Hot) with the same arguments, or one more.
 macro_rules! hot {
     ($instance:ident $status:ident $(
-        $name:ident($($arg:ident: $type:ty),*) = $fast:ident $(, but not of $ignored:ident: $other:ty)?;
+        $name:ident($($arg:ident: $type:ty),*) = $fast:ident
+            $(with $last:expr)? $(, but not of $ignored:ident: $other:ty)?;
     )*) => { $(
         #[doc = concat!("`", stringify!($name), "`")]
         #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
@@ -87,7 +88,7 @@ macro_rules! hot {
             // SAFETY: the host's promises, as for all entry points.
             let outcome = unsafe {
                 match shared(instance) {
-                    Some(shared) => (shared.hot.$fast)(instance $(, $arg)*),
+                    Some(shared) => (shared.hot.$fast)(instance $(, $arg)* $(, $last)?),
                     None => Outcome::Error,
                 }
             };
