@@ -26,7 +26,8 @@ def own_fmu() -> Path:
 
 def test_the_examples_are_valid(own_fmu: Path, sensor: Path, equations: Path, fmus: Path) -> None:
     """The FMU in C takes wrong calls, to stay short, which gives warnings."""
-    files = [sensor, equations / "BouncingBall.fmu", equations / "BouncingBall_fmi3.fmu"]
+    names = ("BouncingBall", "BouncingBall_fmi3", "VanDerPol", "VanDerPol_fmi3")
+    files = [sensor, *(equations / f"{name}.fmu" for name in names)]
     assert "no error, " in run("validate", own_fmu).stdout
     assert run("validate", "--quick", *files).stdout.count("no error, no warning") == len(files)
     assert not (fmus / sensor.name).exists(), "it is no default member of the workspace"
