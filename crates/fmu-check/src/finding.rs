@@ -8,7 +8,7 @@ use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
 use serde::Serialize;
 
-use crate::rule::{Rule, Severity, Source};
+use crate::rule::{Rule, Severity};
 
 /// Where in the FMU a finding is.
 #[derive(Debug, Clone, Serialize)]
@@ -92,7 +92,7 @@ pub struct Group {
     /// The rule that the FMU violates.
     pub rule: &'static Rule,
     /// Where the rule is written, for the version of the FMU.
-    pub source: Source,
+    pub source: &'static str,
     /// The first findings.
     pub kept: Vec<Finding>,
     /// Number of all findings.
@@ -158,7 +158,7 @@ impl Findings {
         let index = index.unwrap_or_else(|| {
             self.groups.push(Group {
                 rule,
-                source: rule.source.of(self.version),
+                source: rule.source_in(self.version),
                 kept: Vec::new(),
                 count: 0,
             });
@@ -198,18 +198,18 @@ impl Findings {
     }
 }
 
-/// Adds a finding: `find!(findings, RULE at place, "min is {min}, expected 0")`.
+/// Adds a finding: `find!(findings, "rule" at place, "min is {min}, expected 0")`.
 macro_rules! find {
-    ($findings:expr, $rule:ident at $place:expr, $($text:tt)+) => {
-        $findings.add(&$rule, $place, format!($($text)+))
+    ($findings:expr, $rule:literal at $place:expr, $($text:tt)+) => {
+        $findings.add($crate::rule::rule!($rule), $place, format!($($text)+))
     };
 }
 pub(crate) use find;
 
-/// Adds a finding unless a condition holds: `require!(findings, RULE at place, min == 0, "min is {min},
+/// Adds a finding unless a condition holds: `require!(findings, "rule" at place, min == 0, "min is {min},
 /// expected 0")`.
 macro_rules! require {
-    ($findings:expr, $rule:ident at $place:expr, $condition:expr, $($text:tt)+) => {
+    ($findings:expr, $rule:literal at $place:expr, $condition:expr, $($text:tt)+) => {
         match $condition {
             true => {}
             false => $crate::finding::find!($findings, $rule at $place, $($text)+),

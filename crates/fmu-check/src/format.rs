@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use crate::finding::{Finding, Findings};
-use crate::rules::rules;
+use crate::rule::RULES;
 
 /// The name of the program that other programs show.
 const TOOL: &str = "cargo-fmu";
@@ -20,7 +20,7 @@ pub fn json(files: &[(PathBuf, Findings)]) -> Value {
                 "id": group.rule.id,
                 "severity": group.rule.severity.to_string(),
                 "text": group.rule.text,
-                "source": group.source.to_string(),
+                "source": group.source,
                 "count": group.count,
                 "findings": group.kept,
             })
@@ -63,7 +63,7 @@ pub fn sarif(files: &[(PathBuf, Findings)]) -> Value {
                 });
                 results.push(json!({
                     "ruleId": group.rule.id,
-                    "ruleIndex": rules().position(|other| other.id == group.rule.id),
+                    "ruleIndex": RULES.iter().position(|other| other.id == group.rule.id),
                     "level": group.rule.severity.to_string(),
                     "message": { "text": format!("{} ({})", finding.text, group.source) },
                     "locations": [location(finding, &artifact)],
@@ -76,7 +76,7 @@ pub fn sarif(files: &[(PathBuf, Findings)]) -> Value {
             }
         }
     }
-    let rules = rules().map(|rule| {
+    let rules = RULES.iter().map(|rule| {
         json!({
             "id": rule.id,
             "shortDescription": { "text": rule.text },

@@ -16,14 +16,13 @@ mod schema;
 use std::path::Path;
 use std::time::Instant;
 
-use binary::rules::NOT_TESTED;
 pub use binary::{Probes, probe};
 pub use finding::{Finding, Findings, Group, Location};
 use fmu_description::xml;
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
-pub use rule::{Rule, Severity, Source};
-pub use rules::rules;
+use rule::rule;
+pub use rule::{RULES, Rule, Severity};
 
 /// Checks an FMU and adds what it finds; its binaries are run only if `probes` is given. What cannot be checked until
 /// the deadline is a finding, too.
@@ -31,7 +30,7 @@ pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: 
     let mut archive = match Archive::open(file) {
         Ok(archive) => archive,
         Err(error) => {
-            let rule = if file.is_file() { &package::READABLE } else { &package::FILE };
+            let rule = if file.is_file() { rule!("archive-readable") } else { rule!("file") };
             return findings.add(rule, "archive", format!("{error:#}"));
         }
     };
@@ -39,7 +38,7 @@ pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: 
         Ok(bytes) => xml::decode(&bytes),
         Err(error) => {
             package::check(&mut archive, findings);
-            return findings.add(&package::READABLE, "archive", format!("{error:#}"));
+            return findings.add(rule!("archive-readable"), "archive", format!("{error:#}"));
         }
     };
     let parsed = xml::parse(&decoded.text);
@@ -51,15 +50,19 @@ pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: 
     let root = match parsed {
         Ok(root) => root,
         Err(error) => {
-            return findings.add(&package::READABLE, MODEL_DESCRIPTION, format!("{error:#}"));
+            return findings.add(
+                rule!("archive-readable"),
+                MODEL_DESCRIPTION,
+                format!("{error:#}"),
+            );
         }
     };
     if let Some(text) = ModelDescription::other_version(&root) {
         // The rules of another version are different.
-        return findings.add(&rules::FMI_VERSION, &root, text);
+        return findings.add(rule!("fmi-version"), &root, text);
     }
     for fault in decoded.faults {
-        findings.add(&package::UTF_8, MODEL_DESCRIPTION, fault);
+        findings.add(rule!("utf-8"), MODEL_DESCRIPTION, fault);
     }
     let schema = match version {
         FmiVersion::Fmi2 => &schema::MODEL_2,
@@ -69,7 +72,7 @@ pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: 
         if Instant::now() < deadline {
             return check(findings);
         }
-        findings.add(&NOT_TESTED, "archive", format!("there was no time for {name}"));
+        findings.add(rule!("not-tested"), "archive", format!("there was no time for {name}"));
     };
     let model = ModelDescription::new(&root);
     part("the schema", &mut |findings| {

@@ -12,96 +12,8 @@ use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
 use crate::finding::{Findings, Location, find, require};
-use crate::rule::{Rule, rules};
+use crate::rule::{Rule, rule};
 use crate::schema::{self, Schema};
-
-rules! {
-    /// The archive and its files.
-    pub PACKAGE {
-        // What the archive must contain.
-        FILE: Error, "file", Practice("nothing else can be checked"),
-            "The FMU is a file that can be read.";
-        READABLE: Error, "archive-readable", Standard("section 2.3", "section 2.5"),
-            "The FMU is a zip archive with a well-formed modelDescription.xml at its root.";
-        SAFE_ARCHIVE: Error, "archive-safe",
-            Practice("importers refuse to unpack what may harm the computer"),
-            "The archive can be unpacked without risk to other files, the memory and the disk.";
-        PLAIN_ARCHIVE: Error, "archive-plain",
-            Practice("the zip format demands it, and importers such as FMPy refuse some such archives"),
-            "Names are unique relative paths with forward slashes, and all entries are files or folders.";
-        DOTTED_NAMES: Warning, "archive-names",
-            Practice("importers that look for modelDescription.xml do not find ./modelDescription.xml"),
-            "Names do not begin with ./.";
-        UTF_8: Error, "utf-8", Standard("section 2.2", "section 2.4"),
-            "XML files are encoded in UTF-8.";
-        INTACT_FILES: Error, "files-intact", Standard("section 2.3", "section 2.5"),
-            "Every file of the archive can be unpacked.";
-        BINARIES_OR_SOURCES: Error, "binaries-or-sources", Standard("section 2.3", "section 2.5"),
-            "There are binaries or sources.";
-        KNOWN_PLATFORM: Warning, "platform-known",
-            Practice("importers look for binaries only in the platform folders of the standard"),
-            "The folders in binaries are those of the standard.";
-        PLATFORM_EMPTY: Warning, "platform-empty",
-            Practice("importers look for a binary in each platform folder"),
-            "Each platform folder has files.";
-        BINARY_NAMED: Error, "binary-named", Standard("section 2.3", "section 2.5.1.4"),
-            "Each platform folder has the binary that modelIdentifier names.";
-        BINARY_FORMAT: Error, "binary-format", Standard("section 2.3", "section 2.5.1.4"),
-            "A binary is a shared library of its platform.";
-        SOURCES_EXIST: Error, "sources-exist", Standard("section 2.3", "section 2.4.10"),
-            "The source files that are listed are in the folder sources.";
-        SOURCES_UNIQUE: Error, "sources-unique", Fmi2("sections 3.3.1 and 4.3.1"),
-            "SourceFiles lists each file once.";
-        IMAGE_PNG: Error, "image-png", Fmi3("section 2.5.1"),
-            "diagram.svg and icon.svg have a PNG file of the same name beside them.";
-        LICENCE_ENTRY: Error, "licence-entry", Fmi3("section 2.5.1.1.1"),
-            "The folder of licences has a file license.txt, license.html or license.spdx.";
-        STATIC_LINKING: Error, "static-linking", Fmi3("section 2.5.1.4.1"),
-            "An FMU with a static library has documentation/staticLinking.txt or .html.";
-        EXTRA_DOMAIN: Warning, "extra-domain", Fmi3("section 2.5.1.6"),
-            "The folder extra has subfolders that are named after domains.";
-        // The functions of a binary.
-        EXPORTED: Error, "functions-exported", Fmi3("section 2.5"),
-            "A binary exports all functions of its interface types.";
-        // The description of the sources.
-        BUILD_GIVEN: Error, "build-given", Fmi3("section 2.5.1"),
-            "The folder sources has a well-formed buildDescription.xml.";
-        SOURCES_LEFT: Warning, "sources-left",
-            Practice("no importer can build sources without buildDescription.xml, but the binaries run"),
-            "The folder sources of an FMU with binaries has a buildDescription.xml.";
-        BUILD_IDENTIFIER: Error, "build-identifier", Fmi3("section 2.4.10"),
-            "A build configuration has the modelIdentifier of an interface type.";
-        BUILD_PLATFORM: Error, "build-platform", Fmi3("section 2.4.10"),
-            "The build configurations of a modelIdentifier have different platforms.";
-        BUILD_SOURCES: Error, "build-sources", Fmi3("section 2.4.10"),
-            "A build configuration has a set of source files.";
-        BUILD_ONCE: Warning, "build-once", Practice("VDMCheck3 requires it, and a file that is compiled twice does not link"),
-            "A set of source files lists each file, definition and include directory once.";
-        BUILD_COMPILER: Warning, "build-compiler", Practice("VDMCheck3 requires it"),
-            "Compiler options are given with the compiler.";
-        BUILD_OPTION: Error, "build-option", Fmi3("section 2.4.10"),
-            "The value of a preprocessor definition with options is one of them.";
-        // Terminals and icons.
-        TERMINALS_READABLE: Error, "terminals-readable", Fmi3("section 2.4.9"),
-            "terminalsAndIcons.xml is well-formed.";
-        TERMINALS_VERSION: Error, "terminals-version", Fmi3("section 2.4.9"),
-            "terminalsAndIcons.xml has the fmiVersion of the model description.";
-        TERMINAL_UNIQUE: Error, "terminal-unique", Fmi3("section 2.4.9.2.2"),
-            "The terminals of each level have different names, which are not empty.";
-        MEMBER_EXISTS: Error, "member-exists", Fmi3("section 2.4.9.2.3"),
-            "The members of a terminal are variables.";
-        MEMBER_NAMED: Error, "member-named", Fmi3("section 2.4.9.2.3"),
-            "The members of a terminal with the matching rule plug or bus have a memberName of their own.";
-        MEMBER_CAUSALITY: Error, "member-causality", Fmi3("section 2.4.9.2.3"),
-            "A signal, flow or stream is an input, output, parameter or calculated parameter.";
-        STREAM_FLOW: Error, "stream-flow", Fmi3("section 2.4.9.2.4"),
-            "A terminal with a stream has at most one inflow or outflow.";
-        COORDINATES: Error, "coordinates", Fmi3("section 2.4.9.1.2"),
-            "The first corner of the coordinate system is left of and below the second.";
-        ICON_EXISTS: Error, "icon-exists", Fmi3("section 2.4.9.2.5"),
-            "The icon of a terminal is a PNG file in terminalsAndIcons.";
-    }
-}
 
 /// Names of the interface types.
 pub const INTERFACES: [&str; 3] = ["ModelExchange", "CoSimulation", "ScheduledExecution"];
@@ -118,18 +30,18 @@ const TERMINALS_FILE: &str = "terminalsAndIcons/terminalsAndIcons.xml";
 /// Checks that the archive can be unpacked.
 pub fn check(archive: &mut Archive, findings: &mut Findings) {
     for fault in &archive.faults {
-        findings.add(&SAFE_ARCHIVE, "archive", fault);
+        findings.add(rule!("archive-safe"), "archive", fault);
     }
     for oddity in &archive.oddities {
-        findings.add(&PLAIN_ARCHIVE, "archive", oddity);
+        findings.add(rule!("archive-plain"), "archive", oddity);
     }
     for name in &archive.dotted {
-        findings.add(&DOTTED_NAMES, "archive", name);
+        findings.add(rule!("archive-names"), "archive", name);
     }
     // Files that are too large must not be inflated.
     if archive.faults.is_empty() {
         for damage in archive.damages() {
-            findings.add(&INTACT_FILES, "archive", damage);
+            findings.add(rule!("files-intact"), "archive", damage);
         }
     }
 }
@@ -142,7 +54,12 @@ pub fn check_files(model: &ModelDescription<'_>, archive: &mut Archive, findings
     files.binaries(has_sources);
     if model.version == FmiVersion::Fmi3 {
         files.folders();
-        files.document(TERMINALS_FILE, &schema::TERMINALS, &TERMINALS_READABLE, Files::terminals);
+        files.document(
+            TERMINALS_FILE,
+            &schema::TERMINALS,
+            rule!("terminals-readable"),
+            Files::terminals,
+        );
     }
 }
 
@@ -184,7 +101,7 @@ impl<'a> Files<'a> {
         let Ok(bytes) = self.archive.head(file, MAX_XML) else { return false };
         let decoded = xml::decode(&bytes);
         for fault in decoded.faults {
-            self.findings.add(&UTF_8, file, fault);
+            self.findings.add(rule!("utf-8"), file, fault);
         }
         match xml::parse(&decoded.text) {
             Ok(root) => {
@@ -207,24 +124,24 @@ impl<'a> Files<'a> {
         };
         let (empty, folders): (Vec<_>, Vec<_>) = folders.into_iter().partition(is_empty);
         for folder in empty {
-            find!(self.findings, PLATFORM_EMPTY at format!("binaries/{folder}"),
+            find!(self.findings, "platform-empty" at format!("binaries/{folder}"),
                 "it is empty, expected a binary");
         }
         let version = self.model.version;
-        require!(self.findings, BINARIES_OR_SOURCES at "archive", has_sources || !folders.is_empty(),
+        require!(self.findings, "binaries-or-sources" at "archive", has_sources || !folders.is_empty(),
             "it has neither binaries nor sources, expected at least one of the two");
         for folder in folders {
             let place = format!("binaries/{folder}");
             match Platform::named(&folder, version) {
                 Err(_) if version == FmiVersion::Fmi3 && is_static(&folder) => {}
-                Err(error) => find!(self.findings, KNOWN_PLATFORM at place, "{error}"),
+                Err(error) => find!(self.findings, "platform-known" at place, "{error}"),
                 Ok(platform) => {
                     for identifier in self.identifiers() {
                         let file = platform.binary(identifier);
                         if self.names.contains(&file) {
                             self.binary(&file, identifier, platform);
                         } else {
-                            find!(self.findings, BINARY_NAMED at place.as_str(),
+                            find!(self.findings, "binary-named" at place.as_str(),
                                 "it has no {}, expected the binary that modelIdentifier names", quote(&file));
                         }
                     }
@@ -238,7 +155,7 @@ impl<'a> Files<'a> {
     fn binary(&mut self, file: &str, identifier: &str, platform: Platform) {
         let head = self.archive.head(file, Platform::HEAD);
         if let Err(error) = head.and_then(|head| platform.check(&head)) {
-            return find!(self.findings, BINARY_FORMAT at file, "{error:#}");
+            return find!(self.findings, "binary-format" at file, "{error:#}");
         }
         if self.model.version == FmiVersion::Fmi2 {
             return;
@@ -263,7 +180,7 @@ impl<'a> Files<'a> {
             }
         });
         for name in missing(&binary, required.map(|function| function.name)) {
-            find!(self.findings, EXPORTED at file,
+            find!(self.findings, "functions-exported" at file,
                 "it does not export {name}, expected all functions of its interface types");
         }
     }
@@ -274,7 +191,7 @@ impl<'a> Files<'a> {
         let (names, findings) = (&self.names, &mut *self.findings);
         for image in ["documentation/diagram", "terminalsAndIcons/icon"] {
             let [vector, pixels] = ["svg", "png"].map(|extension| format!("{image}.{extension}"));
-            require!(findings, IMAGE_PNG at vector.as_str(),
+            require!(findings, "image-png" at vector.as_str(),
                 names.contains(&pixels) || !names.contains(&vector),
                 "it has no {pixels} beside it, expected both");
         }
@@ -287,18 +204,18 @@ impl<'a> Files<'a> {
             files.filter(move |name| name.starts_with(folder))
         };
         let has_entry = has_one(&format!("{LICENCES}license"), &["spdx", "txt", "html"]);
-        require!(findings, LICENCE_ENTRY at LICENCES,
+        require!(findings, "licence-entry" at LICENCES,
             has_entry || files_in(LICENCES).next().is_none(),
             "it has no license.txt, license.html or license.spdx, expected one of them");
         let has_page = has_one("documentation/staticLinking", &["txt", "html"]);
         for folder in platform::folders(&self.archive.names) {
-            require!(findings, STATIC_LINKING at format!("binaries/{folder}"),
+            require!(findings, "static-linking" at format!("binaries/{folder}"),
                 has_page || !is_static(folder),
                 "it holds a static library, expected documentation/staticLinking.txt or .html");
         }
         let folders = files_in("extra/").filter_map(|name| name.split('/').nth(1));
         for folder in folders.collect::<BTreeSet<_>>() {
-            require!(findings, EXTRA_DOMAIN at format!("extra/{folder}"), folder.contains('.'),
+            require!(findings, "extra-domain" at format!("extra/{folder}"), folder.contains('.'),
                 "it is {}, expected a subfolder named after a domain, such as com.example", quote(folder));
         }
     }
@@ -309,10 +226,10 @@ impl<'a> Files<'a> {
         if self.model.version == FmiVersion::Fmi3 {
             let is_file = |name: &String| name.starts_with("sources/") && !name.ends_with('/');
             if self.names.iter().any(is_file)
-                && !self.document(BUILD_FILE, &schema::BUILD, &BUILD_GIVEN, Files::build)
+                && !self.document(BUILD_FILE, &schema::BUILD, rule!("build-given"), Files::build)
             {
                 let has_binaries = self.names.iter().any(|name| name.starts_with("binaries/"));
-                let rule = if has_binaries { &SOURCES_LEFT } else { &BUILD_GIVEN };
+                let rule = if has_binaries { rule!("sources-left") } else { rule!("build-given") };
                 let text = format!("it has no {BUILD_FILE}, expected it beside the sources");
                 self.findings.add(rule, "sources", text);
             }
@@ -324,7 +241,7 @@ impl<'a> Files<'a> {
             for file in interfaces.flat_map(|kind| kind.list("SourceFiles", "File")) {
                 if let Some(name) = file.attribute("name") {
                     let path = self.source(name, file.into());
-                    require!(self.findings, SOURCES_UNIQUE at file, listed.insert(path),
+                    require!(self.findings, "sources-unique" at file, listed.insert(path),
                         "the source file {} is listed twice, expected once", quote(name));
                 }
             }
@@ -336,7 +253,7 @@ impl<'a> Files<'a> {
     fn source(&mut self, name: &str, at: Location) -> String {
         let path = archive::relative(&format!("sources/{name}"));
         let exists = path.as_ref().is_ok_and(|path| self.names.contains(path));
-        require!(self.findings, SOURCES_EXIST at at, exists,
+        require!(self.findings, "sources-exist" at at, exists,
             "the source file {} is missing, expected it in sources", quote(name));
         path.unwrap_or_else(|_| name.to_owned())
     }
@@ -349,14 +266,14 @@ impl<'a> Files<'a> {
         for configuration in document.children("BuildConfiguration") {
             let identifier = configuration.attribute("modelIdentifier");
             let identifier = identifier.unwrap_or_default();
-            require!(self.findings, BUILD_IDENTIFIER at at(configuration),
+            require!(self.findings, "build-identifier" at at(configuration),
                 identifiers.contains(identifier),
                 "modelIdentifier is {}, expected that of an interface type", quote(identifier));
             let platform = configuration.attribute("platform");
-            require!(self.findings, BUILD_PLATFORM at at(configuration),
+            require!(self.findings, "build-platform" at at(configuration),
                 platforms.insert((identifier, platform)),
                 "two configurations have {}, expected one", platform.map_or("no platform".into(), quote));
-            require!(self.findings, BUILD_SOURCES at at(configuration),
+            require!(self.findings, "build-sources" at at(configuration),
                 configuration.child("SourceFileSet").is_some(),
                 "it has no SourceFileSet, expected one");
             for set in configuration.children("SourceFileSet") {
@@ -372,18 +289,18 @@ impl<'a> Files<'a> {
             let mut names = HashSet::new();
             for element in set.children(kind) {
                 let name = element.attribute("name").unwrap_or_default();
-                require!(self.findings, BUILD_ONCE at at(element), names.insert(name),
+                require!(self.findings, "build-once" at at(element), names.insert(name),
                     "the {kind} {} appears twice, expected once", quote(name));
             }
         }
-        require!(self.findings, BUILD_COMPILER at at(set),
+        require!(self.findings, "build-compiler" at at(set),
             set.has("compiler") || !set.has("compilerOptions"),
             "it has compilerOptions and no compiler, expected both");
         for definition in set.children("PreprocessorDefinition") {
             if let Some(value) = definition.attribute("value") {
                 let mut options = definition.children("Option").peekable();
                 let is_free = options.peek().is_none();
-                require!(self.findings, BUILD_OPTION at at(definition),
+                require!(self.findings, "build-option" at at(definition),
                     is_free || options.any(|option| option.attribute("value") == Some(value)),
                     "value is {}, expected that of an Option", quote(value));
             }
@@ -399,13 +316,13 @@ impl<'a> Files<'a> {
         let root = self.model.root;
         let [expected, found] = [root, document].map(|root| root.attribute("fmiVersion"));
         if let (Some(expected), Some(found)) = (expected, found) {
-            require!(self.findings, TERMINALS_VERSION at at(document), expected == found,
+            require!(self.findings, "terminals-version" at at(document), expected == found,
                 "fmiVersion is {}, expected {} as in the model description", quote(found), quote(expected));
         }
         for system in document.list("GraphicalRepresentation", "CoordinateSystem") {
             for (first, second) in [("x1", "x2"), ("y1", "y2")] {
                 if let (Some(low), Some(high)) = (system.real(first), system.real(second)) {
-                    require!(self.findings, COORDINATES at at(system), low < high,
+                    require!(self.findings, "coordinates" at at(system), low < high,
                         "{first} is {low} and {second} is {high}, expected {first} < {second}");
                 }
             }
@@ -426,7 +343,7 @@ impl<'a> Files<'a> {
         let mut names = HashSet::new();
         for terminal in parent.children("Terminal") {
             if let Some(name) = terminal.attribute("name") {
-                require!(self.findings, TERMINAL_UNIQUE at Location::of(TERMINALS_FILE, terminal),
+                require!(self.findings, "terminal-unique" at Location::of(TERMINALS_FILE, terminal),
                     !name.is_empty() && names.insert(name),
                     "the name of the terminal is {}, expected one of its own", quote(name));
             }
@@ -434,7 +351,7 @@ impl<'a> Files<'a> {
             for graphical in terminal.children("TerminalGraphicalRepresentation") {
                 if let Some(base) = graphical.attribute("iconBaseName") {
                     let path = archive::relative(&format!("{ICONS}/{base}.png"));
-                    require!(self.findings, ICON_EXISTS at Location::of(TERMINALS_FILE, graphical),
+                    require!(self.findings, "icon-exists" at Location::of(TERMINALS_FILE, graphical),
                         path.is_ok_and(|path| self.names.contains(&path)),
                         "iconBaseName is {}, expected a PNG file of that name in {ICONS}", quote(base));
                 }
@@ -472,9 +389,9 @@ fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut
         let Some(name) = member.attribute(attribute) else { return };
         let shown = quote(name);
         match causalities.get(name) {
-            None => find!(findings, MEMBER_EXISTS at at(member),
+            None => find!(findings, "member-exists" at at(member),
                 "{attribute} is {shown}, expected the name of a variable"),
-            Some(causality) => require!(findings, MEMBER_CAUSALITY at at(member),
+            Some(causality) => require!(findings, "member-causality" at at(member),
                 !is_known || ["input", "output", "parameter", "calculatedParameter"].contains(causality),
                 "{attribute} is {shown} with causality {}, expected input, output, parameter or \
                  calculatedParameter", quote(causality)),
@@ -489,7 +406,7 @@ fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut
         variable(member, "variableName", is_flow || kind == "signal", findings);
         let name = member.attribute("memberName");
         let is_own = name.is_some_and(|name| !name.is_empty() && names.insert(name));
-        require!(findings, MEMBER_NAMED at at(member), is_own || !is_matched_by_name,
+        require!(findings, "member-named" at at(member), is_own || !is_matched_by_name,
             "memberName is {}, expected one of its own", name.map_or("missing".into(), quote));
     }
     for member in terminal.children("TerminalStreamMemberVariable") {
@@ -499,11 +416,11 @@ fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut
         ] {
             variable(member, of, true, findings);
             if let Some(name) = member.attribute(name).filter(|_| is_matched_by_name) {
-                require!(findings, MEMBER_NAMED at at(member), names.insert(name),
+                require!(findings, "member-named" at at(member), names.insert(name),
                     "the member name {} appears twice, expected once", quote(name));
             }
         }
-        require!(findings, STREAM_FLOW at at(member), flows <= 1,
+        require!(findings, "stream-flow" at at(member), flows <= 1,
             "its terminal has {flows} inflows and outflows, expected at most one");
     }
 }

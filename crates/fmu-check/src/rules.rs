@@ -1,4 +1,4 @@
-//! All rules, and the application of those for a model description that its schema does not express.
+//! The rules for a model description that its schema does not express.
 
 use std::collections::{HashMap, HashSet};
 
@@ -12,221 +12,7 @@ use fmu_file::text::quote;
 
 use crate::finding::{Findings, Location, find, require};
 use crate::package::{INTERFACES, interfaces};
-use crate::rule::{Rule, rules};
-use crate::{binary, package, schema};
-
-/// All rules, by the part of the FMU that they are about.
-pub fn rules() -> impl Iterator<Item = &'static Rule> {
-    [package::PACKAGE, schema::SCHEMA, MODEL, binary::rules::BEHAVIOUR].into_iter().flatten()
-}
-
-rules! {
-    /// The model description.
-    pub MODEL {
-        // The FMU as a whole.
-        FMI_VERSION: Error, "fmi-version", Standard("section 2.2.1", "section 2.4.1"),
-            "The FMU is of FMI version 2.0 or 3.0; nothing else is checked of another version.";
-        NAME_AND_GUID: Error, "name-and-guid", Standard("section 2.2.1", "section 2.4.1"),
-            "modelName and guid, in FMI 3.0 instantiationToken, are not empty.";
-        UTC: Warning, "generation-utc", Standard("section 2.2.1", "section 2.4.1"),
-            "generationDateAndTime is in UTC.";
-        KIND_ONCE: Error, "interface-once", Fmi2("section 2.2.1"),
-            "ModelExchange and CoSimulation appear at most once each.";
-        INTERFACE_GIVEN: Error, "interface-given", Fmi3("section 2.4.1"),
-            "There is an interface type: ModelExchange, CoSimulation or ScheduledExecution.";
-        EVENT_INDICATORS: Warning, "event-indicators",
-            Practice("importers have to assume that there are none"),
-            "An FMU for model exchange declares numberOfEventIndicators.";
-        MODEL_IDENTIFIER: Error, "model-identifier", Standard("sections 3.3.1 and 4.3.1", "section 2.4.2"),
-            "modelIdentifier is an identifier of C.";
-        SERIALIZE_NEEDS_GET: Error, "serialize-needs-get", Standard("sections 3.3.1 and 4.3.1", "section 2.4.2"),
-            "An FMU that can serialize its state can get and set it.";
-        EARLY_RETURN: Error, "early-return", Fmi3("section 4.4"),
-            "An FMU that can return early after an intermediate update provides these updates.";
-        INTERNAL_STEP: Error, "internal-step", Fmi3("section 4.4"),
-            "fixedInternalStepSize is a positive number.";
-        EXPERIMENT_NUMBERS: Error, "experiment-numbers", Standard("section 2.2.5", "section 2.4.6"),
-            "The times of the default experiment are finite, its tolerance and step size positive.";
-        STOP_AFTER_START: Error, "stop-after-start", Standard("section 2.2.5", "section 2.4.6"),
-            "The default experiment stops after it starts.";
-        STEP_IN_EXPERIMENT: Warning, "step-in-experiment", Practice("VDMCheck2 requires it"),
-            "The step size of the default experiment is not larger than its duration.";
-        // Names of units, types, items and log categories.
-        NAMES_GIVEN: Error, "definition-named", Standard("section 2.2", "section 2.4"),
-            "Units, types, items, log categories and tools have a name.";
-        NAMES_UNIQUE: Error, "definition-unique", Standard("section 2.2", "section 2.4"),
-            "Names of units, types, items, log categories and tools are unique.";
-        // Units.
-        UNIT_FACTOR: Error, "unit-factor", Standard("section 2.2.2", "section 2.4.3"),
-            "The factor of a unit is a number other than 0.";
-        UNIT_OFFSET: Error, "unit-offset", Standard("section 2.2.2", "section 2.4.3"),
-            "The offset of a unit is finite.";
-        INVERSE_OFFSET: Error, "inverse-offset", Fmi3("section 2.4.3"),
-            "An inverse display unit has no offset.";
-        UNIT_DEFINED: Error, "unit-defined", Standard("sections 2.2.3 and 2.2.7", "sections 2.4.4 and 2.4.7.5"),
-            "A unit that is used is defined in UnitDefinitions.";
-        DISPLAY_UNIT_NEEDS_UNIT: Error, "display-unit-needs-unit", Standard("sections 2.2.3 and 2.2.7", "sections 2.4.4 and 2.4.7.5"),
-            "What has a display unit has a unit.";
-        DISPLAY_UNIT_DEFINED: Error, "display-unit-defined", Standard("sections 2.2.3 and 2.2.7", "sections 2.4.4 and 2.4.7.5"),
-            "A display unit is defined for its unit.";
-        // Types, bounds and start values.
-        MIN_MAX: Error, "min-max", Standard("sections 2.2.3 and 2.2.7", "section 2.4.4"),
-            "min is not larger than max.";
-        TYPE_NAME: Error, "type-name", Standard("section 2.2.3", "section 2.4.4"),
-            "A type and a variable have different names.";
-        NOMINAL: Error, "nominal", Standard("sections 2.2.3 and 2.2.7", "section 2.3.3"),
-            "nominal is a positive number.";
-        BOUNDS_OF_TYPE: Warning, "bounds-of-type", Practice("VDMCheck2 requires it"),
-            "min and max of a variable are within those of its type.";
-        FINITE_START: Warning, "start-finite",
-            Practice("a simulation that starts from NaN or infinity gives no numbers"),
-            "Start values are finite.";
-        START_IN_BOUNDS: Error, "start-in-bounds", Standard("section 2.2.7", "section 2.4.4"),
-            "A start value is within min and max.";
-        ITEM_VALUES_UNIQUE: Error, "item-values-unique", Standard("section 2.2.3", "section 2.4.4"),
-            "The items of an enumeration have different values.";
-        DECLARED_TYPE: Error, "declared-type", Standard("section 2.2.7", "section 2.4.7.5"),
-            "declaredType names a type of TypeDefinitions, of the same kind as the variable.";
-        START_IS_ITEM: Error, "start-is-item", Standard("section 2.2.7", "section 2.4.7.5"),
-            "The start value of an enumeration is the value of one of its items.";
-        // Names of variables.
-        UNIQUE_VARIABLE_NAMES: Error, "variable-unique", Standard("section 2.2.7", "section 2.4.7.4"),
-            "The names of variables, and of their aliases in FMI 3.0, are unique.";
-        VARIABLE_NAME_GIVEN: Error, "variable-named", Standard("section 2.2.7", "section 2.4.7.4"),
-            "A variable has a name.";
-        STRUCTURED_NAMES: Error, "structured-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
-            "Names follow the grammar of the naming convention structured, if the FMU declares it.";
-        FLAT_NAMES: Error, "flat-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
-            "Names have no line breaks and tabs.";
-        MODELICA_NAMES: Warning, "modelica-names",
-            Practice("tools for Modelica write _ for characters such as . [ ] and cannot import keywords"),
-            "Names are no keywords of Modelica and not time, and are still different with _ for all other characters.";
-        DERIVATIVE_NAMES: Error, "derivative-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
-            "Structured names der(...) are those of Reals, in FMI 3.0 Float32 or Float64.";
-        // Variables, and those that share a value reference.
-        INDEPENDENT_REAL: Error, "independent-real", Standard("section 2.2.7", "section 2.4.7.4"),
-            "The independent variable is a Real, in FMI 3.0 Float32 or Float64.";
-        INDEPENDENT_ONCE: Error, "independent-once", Standard("section 2.2.7", "section 2.4.7.4"),
-            "There is at most one independent variable, in FMI 3.0 exactly one.";
-        COMBINATION: Error, "causality-variability", Standard("section 2.2.7", "section 2.4.7.4"),
-            "Causality and variability are combined as the table of the standard allows.";
-        INITIAL: Error, "initial", Standard("section 2.2.7", "section 2.4.7.5"),
-            "initial is one that the table of the standard allows for causality and variability.";
-        CONTINUOUS_REAL: Error, "continuous-real", Standard("section 2.2.7", "section 2.4.7.4"),
-            "Only Reals, in FMI 3.0 Float32 and Float64, are continuous.";
-        START_GIVEN: Error, "start-given", Standard("section 2.2.7", "section 2.4.7.5"),
-            "Inputs, constants, and variables with initial exact or approx have a start value.";
-        NO_START: Error, "no-start", Standard("section 2.2.7", "section 2.4.7.5"),
-            "Variables with initial calculated and the independent variable have no start value.";
-        DERIVATIVE_OF_STATE: Error, "derivative-of-state", Standard("section 2.2.7", "section 2.4.7.5"),
-            "derivative names a continuous Real, in FMI 3.0 Float32 or Float64.";
-        DERIVATIVE_INDEX: Error, "derivative-index", Standard("section 2.2.7", "section 2.4.7.5"),
-            "derivative is the index, in FMI 3.0 the value reference, of a variable.";
-        MULTIPLE_SET: Error, "multiple-set", Standard("section 2.2.7", "section 2.4.7.4"),
-            "canHandleMultipleSetPerTimeInstant is given only for inputs, in FMI 2.0 of an FMU for model exchange.";
-        REINIT: Error, "reinit", Standard("section 2.2.7", "section 2.4.7.5"),
-            "reinit is given only for states, in FMI 2.0 of an FMU for model exchange.";
-        REFERENCE_UNIQUE: Error, "reference-unique", Fmi3("section 2.4.7.4"),
-            "The value references of variables are unique.";
-        ALIAS_SETTABLE: Error, "alias-settable", Fmi2("section 2.2.7"),
-            "At most one of the variables with the same value reference is set from outside.";
-        ALIAS_CONSTANT: Error, "alias-constant", Fmi2("section 2.2.7"),
-            "Variables with the value reference of a constant are constants with the same start value.";
-        ALIAS_START: Error, "alias-start", Fmi2("section 2.2.7"),
-            "At most one of the variables with the same value reference has a start value.";
-        ALIAS_UNIT: Error, "alias-unit", Fmi2("section 2.2.7"),
-            "Variables with the same value reference have the same unit.";
-        ALIAS_VARIABILITY: Warning, "alias-variability", Fmi2("section 2.2.7"),
-            "Variables with the same value reference have the same variability.";
-        // The model structure.
-        INDEX_EXISTS: Error, "index-exists", Standard("section 2.2.8", "section 2.4.8"),
-            "The index, in FMI 3.0 the value reference, of an unknown is that of a variable.";
-        INDEX_ONCE: Error, "index-once", Standard("section 2.2.8", "section 2.4.8"),
-            "A list of unknowns has each variable once.";
-        DEPENDENCY_EXISTS: Error, "dependency-exists", Standard("section 2.2.8", "section 2.4.8"),
-            "Dependencies are indices, in FMI 3.0 value references, of variables.";
-        DEPENDENCY_ONCE: Error, "dependency-once", Fmi2("section 2.2.8"),
-            "An unknown depends on each variable once.";
-        DEPENDENCY_KINDS: Error, "dependency-kinds", Standard("section 2.2.8", "section 2.4.8"),
-            "dependenciesKind has as many items as dependencies, and is given only with these.";
-        DEPENDENCY_ORDER: Error, "dependency-order", Fmi2("section 2.2.8"),
-            "dependencies are in ascending order.";
-        DEPENDENCY_KIND_REAL: Error, "dependency-kind-real", Standard("section 2.2.8", "section 2.4.8"),
-            "Only Reals, in FMI 3.0 Float32 and Float64, have dependencies that are constant, fixed, tunable or discrete.";
-        DEPENDENCY_KNOWN: Warning, "dependency-known", Standard("section 2.2.8", "section 2.4.8"),
-            "Outputs, derivatives and event indicators depend on no continuous output or local variable that is not a state.";
-        INITIAL_KINDS: Error, "initial-kinds", Standard("section 2.2.8", "section 2.4.8"),
-            "The dependencies of an initial unknown are dependent or constant.";
-        INITIAL_KNOWN: Warning, "initial-known", Standard("section 2.2.8", "section 2.4.8"),
-            "The dependencies of an initial unknown are inputs, the independent variable, and variables with initial exact.";
-        OUTPUTS_LISTED: Error, "outputs-listed", Standard("section 2.2.8", "section 2.4.8"),
-            "Outputs, in FMI 3.0 Output, lists all outputs.";
-        ONLY_OUTPUTS_LISTED: Error, "only-outputs-listed", Standard("section 2.2.8", "section 2.4.8"),
-            "Outputs, in FMI 3.0 Output, lists nothing but outputs.";
-        DERIVATIVE_ATTRIBUTE: Error, "derivative-attribute", Standard("section 2.2.8", "section 2.4.8"),
-            "The variables in Derivatives, in FMI 3.0 ContinuousStateDerivative, have the attribute derivative.";
-        DERIVATIVE_CONTINUOUS: Error, "derivative-continuous", Standard("section 2.2.8", "section 2.4.8"),
-            "The variables in Derivatives, in FMI 3.0 ContinuousStateDerivative, are continuous Reals.";
-        DERIVATIVE_ONCE: Error, "derivative-once", Standard("section 2.2.8", "section 2.4.8"),
-            "The variables in Derivatives, in FMI 3.0 ContinuousStateDerivative, are derivatives of different states, and not of themselves.";
-        DERIVATIVE_SIZE: Error, "derivative-size", Fmi3("section 2.4.8"),
-            "A variable in ContinuousStateDerivative has the dimensions of its state.";
-        STATE_CAUSALITY: Error, "state-causality", Fmi3("section 2.4.7.4"),
-            "Continuous states and event indicators are local or outputs.";
-        CLOCKED_STATE: Error, "clocked-state", Fmi3("section 2.4.8"),
-            "The variables in ClockedState are discrete and clocked, and have the attribute previous.";
-        INDICATOR_CONTINUOUS: Error, "indicator-continuous", Fmi3("section 2.4.8"),
-            "Event indicators are continuous Float32 or Float64.";
-        INITIAL_UNKNOWNS_ORDER: Error, "initial-unknowns-order", Fmi2("section 2.2.8"),
-            "InitialUnknowns is in ascending order of the indices.";
-        INITIAL_UNKNOWNS_LISTED: Error, "initial-unknowns-listed", Standard("section 2.2.8", "section 2.4.8"),
-            "InitialUnknowns, in FMI 3.0 InitialUnknown, lists the outputs, states and derivatives with initial approx or calculated, and the calculated parameters; clocked variables may be left out.";
-        ONLY_INITIAL_UNKNOWNS_LISTED: Warning, "only-initial-unknowns-listed", Standard("section 2.2.8", "section 2.4.8"),
-            "InitialUnknowns, in FMI 3.0 InitialUnknown, lists nothing else.";
-        // Arrays and structural parameters.
-        DIMENSION_SIZE: Error, "dimension-size", Fmi3("section 2.4.7.2"),
-            "A Dimension has either start or valueReference.";
-        DIMENSION_REFERENCE: Error, "dimension-reference", Fmi3("section 2.4.7.2"),
-            "valueReference of a Dimension is that of a UInt64, which is a constant or a structural parameter.";
-        ARRAY_SIZE: Error, "array-size", Practice("no computer can store it"),
-            "The number of elements of an array is below 2^64.";
-        DIMENSION_POSITIVE: Error, "dimension-positive", Fmi3("section 2.4.7.2"),
-            "The initial size of a dimension is not 0.";
-        STRUCTURAL_SCALAR: Error, "structural-scalar", Fmi3("section 2.4.7.4"),
-            "A structural parameter has no dimensions.";
-        START_COUNT: Error, "start-count", Fmi3("section 2.4.7.5"),
-            "A variable with start values has one, or one for each of its elements.";
-        START_SIZE: Error, "start-size", Fmi3("section 2.4.4"),
-            "The start value of a Binary is not longer than maxSize.";
-        // Clocks and clocked variables.
-        CLOCK_CAUSALITY: Error, "clock-causality", Fmi3("section 2.4.7.4"),
-            "A clock is an input, an output or local.";
-        CLOCKED_VARIABILITY: Error, "clocked-variability", Fmi3("section 2.4.7.4"),
-            "Clocks are discrete, and clocked variables discrete or tunable.";
-        CLOCKS_EXIST: Error, "clocks-exist", Fmi3("section 2.4.7.4"),
-            "clocks has value references of clocks, at least one.";
-        PREVIOUS_CLOCKED: Error, "previous-clocked", Fmi3("section 2.4.7.4"),
-            "Only discrete clocked variables have previous.";
-        PREVIOUS_REFERENCE: Error, "previous-reference", Fmi3("section 2.4.7.4"),
-            "previous is the value reference of another discrete variable of the same type, which is no input, and of each at most once.";
-        CLOCK_INTERVAL: Error, "clock-interval", Fmi3("section 2.4.4"),
-            "The interval of a clock is positive, and its shift is not negative.";
-        CLOCK_INTERVAL_GIVEN: Error, "clock-interval-given", Fmi3("section 2.4.4"),
-            "A constant clock has intervalDecimal.";
-        CLOCK_PERIODIC: Error, "clock-periodic", Fmi3("section 2.4.4"),
-            "Only periodic clocks (constant, fixed, tunable) have intervalDecimal, intervalCounter and resolution.";
-        CLOCK_SHIFT: Error, "clock-shift", Fmi3("section 2.4.4"),
-            "shiftDecimal is given with intervalDecimal, and shiftCounter with intervalCounter.";
-        CLOCK_FRACTION: Error, "clock-fraction", Fmi3("section 2.4.4"),
-            "intervalCounter is given with a resolution and supportsFraction.";
-        CLOCK_PRIORITY: Error, "clock-priority", Fmi3("section 2.4.4"),
-            "In Scheduled Execution, input clocks have a priority; output clocks never have one.";
-        CLOCKS_NEED_EVENTS: Error, "clocks-need-events", Fmi3("section 4.4"),
-            "An FMU for Co-Simulation with clocks has hasEventMode.";
-        INTERMEDIATE_UPDATE: Error, "intermediate-update", Fmi3("section 2.4.7.4"),
-            "Only continuous variables have intermediateUpdate = true.";
-    }
-}
+use crate::rule::{Rule, rule};
 
 /// A model description that is checked.
 struct Check<'a> {
@@ -311,9 +97,9 @@ impl<'a> Check<'a> {
         let mut names = HashSet::new();
         for element in elements {
             if let Some(name) = element.attribute("name") {
-                require!(self, NAMES_GIVEN at element, !name.is_empty(),
+                require!(self, "definition-named" at element, !name.is_empty(),
                     "the name of a {what} is empty, expected a string");
-                require!(self, NAMES_UNIQUE at element, names.insert(name),
+                require!(self, "definition-unique" at element, names.insert(name),
                     "the {what} {} is defined twice, expected each name once", quote(name));
             }
         }
@@ -334,46 +120,47 @@ impl Check<'_> {
         for name in ["modelName", token] {
             let text = root.attribute(name);
             let is_given = text.is_none_or(|text| !text.trim().is_empty());
-            require!(self, NAME_AND_GUID at root, is_given, "{name} is empty, expected a string");
+            require!(self, "name-and-guid" at root, is_given, "{name} is empty, expected a string");
         }
         if let Some(date) = root.attribute("generationDateAndTime") {
-            require!(self, UTC at root, date.trim().ends_with('Z'),
+            require!(self, "generation-utc" at root, date.trim().ends_with('Z'),
                 "generationDateAndTime is {}, expected a time in UTC, which ends in Z", quote(date));
         }
         self.unique(root.list("LogCategories", "Category"), "log category");
         self.unique(root.list("VendorAnnotations", "Tool"), "tool");
         if self.is_3() {
-            require!(self, INTERFACE_GIVEN at root, interfaces(root).next().is_some(),
+            require!(self, "interface-given" at root, interfaces(root).next().is_some(),
                 "it has no interface type, expected ModelExchange, CoSimulation or \
                  ScheduledExecution");
         } else {
             // The schema of FMI 3.0 requires it.
             for kind in INTERFACES {
                 if let Some(second) = root.children(kind).nth(1) {
-                    find!(self, KIND_ONCE at second, "{kind} appears twice, expected it once");
+                    find!(self, "interface-once" at second, "{kind} appears twice, expected it once");
                 }
             }
             let is_exchange = self.model.model_exchange().is_some();
-            require!(self, EVENT_INDICATORS at root,
+            require!(self, "event-indicators" at root,
                 !is_exchange || root.has("numberOfEventIndicators"),
                 "numberOfEventIndicators is missing, expected it for model exchange");
         }
         let early = ["canReturnEarlyAfterIntermediateUpdate", "providesIntermediateUpdate"];
         for interface in interfaces(root) {
             if let Some(identifier) = interface.attribute("modelIdentifier") {
-                require!(self, MODEL_IDENTIFIER at interface, is_identifier(identifier),
+                require!(self, "model-identifier" at interface, is_identifier(identifier),
                     "modelIdentifier is {}, expected a C identifier", quote(identifier));
             }
-            for (rule, [flag, needed]) in
-                [(&SERIALIZE_NEEDS_GET, [serialize, get_state]), (&EARLY_RETURN, early)]
-            {
+            for (rule, [flag, needed]) in [
+                (rule!("serialize-needs-get"), [serialize, get_state]),
+                (rule!("early-return"), early),
+            ] {
                 if interface.is_true(flag) && !interface.is_true(needed) {
                     let text = format!("{flag} is true, expected {needed} to be true with it");
                     self.add(rule, interface, text);
                 }
             }
             let step = interface.real("fixedInternalStepSize").unwrap_or(1.0);
-            require!(self, INTERNAL_STEP at interface, step > 0.0 && step.is_finite(),
+            require!(self, "internal-step" at interface, step > 0.0 && step.is_finite(),
                 "fixedInternalStepSize is {step}, expected a positive number");
         }
         if let Some(element) = root.child("DefaultExperiment") {
@@ -389,15 +176,15 @@ impl Check<'_> {
             ("stepSize", 0.0, "a positive number"),
         ] {
             let value = element.real(name).unwrap_or(1.0);
-            require!(self, EXPERIMENT_NUMBERS at element, value.is_finite() && value > above,
+            require!(self, "experiment-numbers" at element, value.is_finite() && value > above,
                 "{name} is {value}, expected {expected}");
         }
         let start = element.real("startTime").unwrap_or(0.0);
         if let Some(stop) = element.real("stopTime") {
             let (span, step) = (stop - start, element.real("stepSize").unwrap_or(0.0));
-            require!(self, STOP_AFTER_START at element, stop > start,
+            require!(self, "stop-after-start" at element, stop > start,
                 "stopTime is {stop}, expected it after startTime {start}");
-            require!(self, STEP_IN_EXPERIMENT at element,
+            require!(self, "step-in-experiment" at element,
                 span <= 0.0 || step <= span * (1.0 + 1e-9),
                 "stepSize is {step}, expected at most stopTime - startTime = {span}");
         }
@@ -420,11 +207,11 @@ impl<'a> Check<'a> {
                 // Whether a base unit or display unit can be converted.
                 let factor = child.real("factor").unwrap_or(1.0);
                 let offset = child.real("offset").unwrap_or(0.0);
-                require!(self, INVERSE_OFFSET at child, !child.is_true("inverse") || offset == 0.0,
+                require!(self, "inverse-offset" at child, !child.is_true("inverse") || offset == 0.0,
                     "the offset of an inverse unit is {offset}, expected 0");
-                require!(self, UNIT_FACTOR at child, factor != 0.0 && factor.is_finite(),
+                require!(self, "unit-factor" at child, factor != 0.0 && factor.is_finite(),
                     "the factor of a unit is {factor}, expected a number other than 0");
-                require!(self, UNIT_OFFSET at child, offset.is_finite(),
+                require!(self, "unit-offset" at child, offset.is_finite(),
                     "the offset of a unit is {offset}, expected a finite number");
             }
             let displays = self.unique(unit.children("DisplayUnit"), "display unit");
@@ -447,15 +234,15 @@ impl<'a> Check<'a> {
     fn usage(&mut self, value: &Element<'_>, unit: Option<&str>, units: &Units<'_>) {
         let displays = unit.and_then(|unit| units.get(unit));
         if let Some(own) = value.attribute("unit") {
-            require!(self, UNIT_DEFINED at value, displays.is_some(),
+            require!(self, "unit-defined" at value, displays.is_some(),
                 "the unit {} is not defined, expected one of UnitDefinitions", quote(own));
         }
         if let Some(display) = value.attribute("displayUnit") {
             let shown = quote(display);
-            require!(self, DISPLAY_UNIT_NEEDS_UNIT at value, unit.is_some(),
+            require!(self, "display-unit-needs-unit" at value, unit.is_some(),
                 "displayUnit is {shown} without a unit, expected both");
             let is_defined = displays.is_none_or(|displays| displays.contains(display));
-            require!(self, DISPLAY_UNIT_DEFINED at value, is_defined || unit == Some(display),
+            require!(self, "display-unit-defined" at value, is_defined || unit == Some(display),
                 "the display unit {shown} is not defined for its unit, expected a DisplayUnit");
         }
     }
@@ -472,7 +259,7 @@ impl<'a> Check<'a> {
                 values.clear();
                 for item in value.children("Item") {
                     if let Some(number) = item.attribute("value").and_then(whole) {
-                        require!(self, ITEM_VALUES_UNIQUE at item, values.insert(number),
+                        require!(self, "item-values-unique" at item, values.insert(number),
                             "two items have the value {number}, expected each value once");
                     }
                 }
@@ -480,7 +267,7 @@ impl<'a> Check<'a> {
         }
         for (_, variable) in model.variables() {
             self.declared_type(variable, &items);
-            require!(self, TYPE_NAME at variable, !items.contains_key(variable.name.as_str()),
+            require!(self, "type-name" at variable, !items.contains_key(variable.name.as_str()),
                 "a type has the same name, expected another name");
             let (min, max) = variable.of_type.range();
             if variable.of_type.is_float() || min <= max {
@@ -498,29 +285,29 @@ impl<'a> Check<'a> {
     ) {
         let of_type = |name| declared.and_then(|declared| declared.real(name));
         let nominal = value.real("nominal").unwrap_or(1.0);
-        require!(self, NOMINAL at at, nominal > 0.0 && nominal.is_finite(),
+        require!(self, "nominal" at at, nominal > 0.0 && nominal.is_finite(),
             "nominal is {nominal}, expected a positive number");
         let number = |name| value.attribute(name).map_or(of_type(name), real);
         let (min, max) = (number("min"), number("max"));
         for (name, own, sign) in [("min", min, -1.0), ("max", max, 1.0)] {
             if let (Some(own), Some(of_type)) = (own, of_type(name)) {
-                require!(self, BOUNDS_OF_TYPE at at, sign * own <= sign * of_type,
+                require!(self, "bounds-of-type" at at, sign * own <= sign * of_type,
                     "{name} is {own}, expected it within {name} {of_type} of its type");
             }
         }
         if let (Some(min), Some(max)) = (min, max) {
-            require!(self, MIN_MAX at at, min <= max,
+            require!(self, "min-max" at at, min <= max,
                 "min is {min} and max is {max}, expected min <= max");
         }
         let starts = || items(value.attribute("start").unwrap_or_default()).filter_map(real);
         if let Some(start) = starts().find(|start| !start.is_finite()) {
-            find!(self, FINITE_START at at, "start is {start}, expected a finite number");
+            find!(self, "start-finite" at at, "start is {start}, expected a finite number");
         }
         let is_outside =
             |s: &f64| min.is_some_and(|min| *s < min) || max.is_some_and(|max| *s > max);
         if let Some(start) = starts().find(is_outside) {
             let bound = |bound: Option<f64>| bound.map_or("none".into(), |bound| bound.to_string());
-            find!(self, START_IN_BOUNDS at at,
+            find!(self, "start-in-bounds" at at,
                 "start is {start}, expected it from min {} to max {}", bound(min), bound(max));
         }
     }
@@ -535,14 +322,14 @@ impl<'a> Check<'a> {
             None => Some("is not defined, expected one of TypeDefinitions".into()),
         };
         if let Some(is) = fault {
-            find!(self, DECLARED_TYPE at variable, "the type {} {is}", quote(declared));
+            find!(self, "declared-type" at variable, "the type {} {is}", quote(declared));
         }
         if let Some(items) = items.get(declared)
             && variable.of_type == Type::Enumeration
         {
             let mut starts = variable.starts().into_iter().filter_map(whole);
             if let Some(start) = starts.find(|start| !items.contains(start)) {
-                find!(self, START_IS_ITEM at variable,
+                find!(self, "start-is-item" at variable,
                     "start is {start}, expected the value of an item of its type");
             }
         }
@@ -646,22 +433,22 @@ impl Check<'_> {
         for (_, variable) in self.model.variables() {
             let own = [variable.name.as_str()].into_iter();
             for name in own.chain(variable.aliases()) {
-                require!(self, UNIQUE_VARIABLE_NAMES at variable, names.insert(name),
+                require!(self, "variable-unique" at variable, names.insert(name),
                     "two variables have the name {}, expected each once", quote(name));
                 let is_given = !name.trim().is_empty();
-                require!(self, VARIABLE_NAME_GIVEN at variable, is_given,
+                require!(self, "variable-named" at variable, is_given,
                     "the name is empty, expected a string");
                 if structured && is_given {
                     let is_structured = is_structured(name);
-                    require!(self, STRUCTURED_NAMES at variable, is_structured,
+                    require!(self, "structured-names" at variable, is_structured,
                         "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)");
                     let is_derivative = is_structured && name.starts_with("der(");
-                    require!(self, DERIVATIVE_NAMES at variable,
+                    require!(self, "derivative-names" at variable,
                         !is_derivative || variable.of_type.is_float(),
                         "the name is that of a derivative, expected a {}, not {}",
                         self.float(), variable.value.name);
                 }
-                require!(self, FLAT_NAMES at variable,
+                require!(self, "flat-names" at variable,
                     structured || !name.contains(['\r', '\n', '\t']),
                     "the name has a line break or tab, expected none");
             }
@@ -671,7 +458,7 @@ impl Check<'_> {
     fn variables(&mut self) {
         let model = self.model;
         for (variable, reason) in model.unimportable() {
-            find!(self, MODELICA_NAMES at variable, "{reason}, expected another name");
+            find!(self, "modelica-names" at variable, "{reason}, expected another name");
         }
         for (index, variable) in model.variables() {
             self.combination(variable);
@@ -679,16 +466,16 @@ impl Check<'_> {
                 let is_given = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
                 let needs = is_given || variable.causality == Causality::Input;
                 let has = has_start(variable);
-                require!(self, START_GIVEN at variable, has || !needs,
+                require!(self, "start-given" at variable, has || !needs,
                     "it has no start, expected one for an input, a constant, and initial exact or approx");
-                require!(self, NO_START at variable, needs || !has,
+                require!(self, "no-start" at variable, needs || !has,
                     "it has a start, expected none for initial calculated and the independent variable");
             }
             if let Some(number) = variable.value.attribute("derivative").and_then(unsigned) {
                 match model.variable(model.index(number)) {
-                    None => find!(self, DERIVATIVE_INDEX at variable,
+                    None => find!(self, "derivative-index" at variable,
                         "derivative is {number}, expected {}", self.reference()),
-                    Some(state) => require!(self, DERIVATIVE_OF_STATE at variable,
+                    Some(state) => require!(self, "derivative-of-state" at variable,
                         state.of_type.is_float() && is_continuous(state),
                         "it is the derivative of {:?}, expected a continuous {}", state.name, self.float()),
                 }
@@ -706,15 +493,15 @@ impl Check<'_> {
         let causality = variable.causality.as_str();
         let variability = variable.variability.as_str();
         match allowed(variable, self.model.version) {
-            None => find!(self, COMBINATION at variable,
+            None => find!(self, "causality-variability" at variable,
                 "causality {causality} and variability {variability} are combined, expected a \
                  combination that the standard allows"),
-            Some(initials) => require!(self, INITIAL at variable,
+            Some(initials) => require!(self, "initial" at variable,
                 variable.of_type == Type::Clock || initials.contains(&variable.initial),
                 "initial is {}, expected one that goes with causality {causality} and variability \
                  {variability}", variable.element.attribute("initial").unwrap_or("missing")),
         }
-        require!(self, CONTINUOUS_REAL at variable,
+        require!(self, "continuous-real" at variable,
             variable.of_type.is_float() || !is_continuous(variable),
             "variability is continuous (or missing), expected another for the type {}",
             variable.value.name);
@@ -728,10 +515,10 @@ impl Check<'_> {
             FmiVersion::Fmi3 => (true, ""),
         };
         let is_input = variable.causality == Causality::Input;
-        require!(self, MULTIPLE_SET at variable,
+        require!(self, "multiple-set" at variable,
             !variable.element.has(SET) || is_exchanged && is_input,
             "it has {SET}, expected it only for inputs{also}");
-        require!(self, REINIT at variable,
+        require!(self, "reinit" at variable,
             !variable.value.has("reinit") || is_exchanged && is_state,
             "it has reinit, expected it only for states{also}");
     }
@@ -740,14 +527,14 @@ impl Check<'_> {
         let mut first: Option<&str> = None;
         let variables = self.model.variables();
         for (_, variable) in variables.filter(|(_, v)| v.causality == Causality::Independent) {
-            require!(self, INDEPENDENT_REAL at variable, variable.of_type.is_float(),
+            require!(self, "independent-real" at variable, variable.of_type.is_float(),
                 "the independent variable is not a {0}, expected a {0}", self.float());
             if let Some(first) = first.replace(&variable.name) {
-                find!(self, INDEPENDENT_ONCE at variable,
+                find!(self, "independent-once" at variable,
                     "it is independent like {first:?} is, expected at most one independent variable");
             }
         }
-        require!(self, INDEPENDENT_ONCE at self.model.root, first.is_some() || !self.is_3(),
+        require!(self, "independent-once" at self.model.root, first.is_some() || !self.is_3(),
             "there is no independent variable, expected exactly one");
     }
 
@@ -757,7 +544,7 @@ impl Check<'_> {
         for (_, variable) in self.model.variables() {
             let reference = variable.reference;
             let first = names.entry(reference).or_insert(&variable.name);
-            require!(self, REFERENCE_UNIQUE at variable, **first == variable.name,
+            require!(self, "reference-unique" at variable, **first == variable.name,
                 "{first:?} has the value reference {reference}, too, expected each once");
         }
     }
@@ -789,26 +576,26 @@ impl Check<'_> {
         };
         let is_settable = |v: &&&Listed<'_>| matches!(v.causality, Parameter | Input | Independent);
         let what = "though both are set from outside, expected at most one such variable";
-        report(&ALIAS_SETTABLE, set.iter().filter(is_settable).nth(1), what);
+        report(rule!("alias-settable"), set.iter().filter(is_settable).nth(1), what);
         let is_constant = |v: &Listed<'_>| v.variability == Variability::Constant;
         if set.iter().any(|v| is_constant(v)) {
             let differs = |v: &&&Listed<'_>| v.start() != first.start() || !is_constant(v);
             let what = "which is constant, expected all to be constant with the same start";
-            report(&ALIAS_CONSTANT, set.iter().find(differs), what);
+            report(rule!("alias-constant"), set.iter().find(differs), what);
         } else {
             let what = "and both have a start, expected at most one start";
             let mut started = set.iter().filter(|v| has_start(v));
-            report(&ALIAS_START, started.nth(1), what);
+            report(rule!("alias-start"), started.nth(1), what);
             let expected = first.variability;
             let other = set.iter().find(|v| v.variability != expected);
             let own = other.unwrap_or(&first).variability;
             let [own, expected] = [own, expected].map(Variability::as_str);
             let what = format!("and is {own}, expected {expected} like that variable");
-            report(&ALIAS_VARIABILITY, other, &what);
+            report(rule!("alias-variability"), other, &what);
         }
         let other = set.iter().find(|v| v.unit != first.unit);
         let what = "and another unit, expected the same unit";
-        report(&ALIAS_UNIT, other, what);
+        report(rule!("alias-unit"), other, what);
     }
 }
 
@@ -841,16 +628,16 @@ impl Check<'_> {
             };
             let expected = "inputs, states and the independent variable";
             for list in [&model.outputs, &model.derivatives, &model.event_indicators] {
-                self.dependencies(list, &DEPENDENCY_KNOWN, is_known, expected);
+                self.dependencies(list, rule!("dependency-known"), is_known, expected);
             }
         }
         let listed = indices(&model.outputs);
         for (index, variable) in model.variables() {
             let is_output = variable.causality == Causality::Output;
             let is_listed = listed.contains(&index);
-            require!(self, OUTPUTS_LISTED at variable, !is_output || is_listed,
+            require!(self, "outputs-listed" at variable, !is_output || is_listed,
                 "the output is not in {outputs_name} of ModelStructure, expected it there");
-            require!(self, ONLY_OUTPUTS_LISTED at variable, is_output || !is_listed,
+            require!(self, "only-outputs-listed" at variable, is_output || !is_listed,
                 "it is in {outputs_name} of ModelStructure, expected outputs only");
         }
         self.derivatives(derivatives_name);
@@ -867,23 +654,23 @@ impl Check<'_> {
         let mut seen = HashSet::new();
         for unknown in unknowns {
             let (at, number) = (unknown.element, unknown.number);
-            require!(self, INDEX_EXISTS at at, unknown.index.is_some(),
+            require!(self, "index-exists" at at, unknown.index.is_some(),
                 "{list} has the {reference} {number}, expected {}", self.reference());
-            require!(self, INDEX_ONCE at at, seen.insert(number),
+            require!(self, "index-once" at at, seen.insert(number),
                 "{list} has the {reference} {number} twice, expected it once");
             let dependencies = unknown.dependencies.as_deref().unwrap_or_default();
             let is_wrong = |number: &&u32| self.model.index(**number).is_none();
             if let Some(wrong) = dependencies.iter().find(is_wrong) {
-                find!(self, DEPENDENCY_EXISTS at at,
+                find!(self, "dependency-exists" at at,
                     "dependencies has {wrong}, expected {}", self.reference());
             }
             if !self.is_3() {
                 let different: HashSet<_> = dependencies.iter().collect();
-                require!(self, DEPENDENCY_ONCE at at, different.len() == dependencies.len(),
+                require!(self, "dependency-once" at at, different.len() == dependencies.len(),
                     "dependencies has an index twice, expected each once");
                 let mut pairs = dependencies.windows(2);
                 if let Some([first, second]) = pairs.find(|pair| pair[0] > pair[1]) {
-                    find!(self, DEPENDENCY_ORDER at at,
+                    find!(self, "dependency-order" at at,
                         "dependencies has {second} after {first}, expected ascending order");
                 }
             }
@@ -897,23 +684,23 @@ impl Check<'_> {
     fn kinds(&mut self, list: &str, unknown: &Unknown<'_>, kinds: &str) {
         let (at, count) = (unknown.element, items(kinds).count());
         match unknown.dependencies.as_ref().map(Vec::len) {
-            None => find!(self, DEPENDENCY_KINDS at at,
+            None => find!(self, "dependency-kinds" at at,
                 "dependenciesKind is given without dependencies, expected both"),
-            Some(all) => require!(self, DEPENDENCY_KINDS at at, all == count,
+            Some(all) => require!(self, "dependency-kinds" at at, all == count,
                 "dependenciesKind has {count} items, expected {all}, one per dependency"),
         }
         let variable = self.model.variable(unknown.index);
         if variable.is_some_and(|v| !v.of_type.is_float())
             && let Some(kind) = items(kinds).find(|kind| *kind != "dependent")
         {
-            find!(self, DEPENDENCY_KIND_REAL at at,
+            find!(self, "dependency-kind-real" at at,
                 "dependenciesKind has {}, expected dependent for what is not a {}",
                 quote(kind), self.float());
         }
         if list.starts_with("InitialUnknown")
             && let Some(kind) = items(kinds).find(|kind| !matches!(*kind, "dependent" | "constant"))
         {
-            find!(self, INITIAL_KINDS at at,
+            find!(self, "initial-kinds" at at,
                 "dependenciesKind has {}, expected dependent or constant", quote(kind));
         }
     }
@@ -954,20 +741,20 @@ impl Check<'_> {
         for unknown in &model.derivatives {
             let Some(variable) = model.variable(unknown.index) else { continue };
             let is_derivative = variable.value.has("derivative");
-            require!(self, DERIVATIVE_ATTRIBUTE at variable, is_derivative,
+            require!(self, "derivative-attribute" at variable, is_derivative,
                 "it is in {list} of ModelStructure, expected it to have the attribute derivative");
-            require!(self, DERIVATIVE_CONTINUOUS at variable, is_continuous(variable) || !is_derivative,
+            require!(self, "derivative-continuous" at variable, is_continuous(variable) || !is_derivative,
                 "it is in {list} of ModelStructure, expected its variability to be continuous");
             let index = state_of(variable, model);
             let Some(state) = model.variable(index) else { continue };
             let name = quote(&state.name);
-            require!(self, DERIVATIVE_ONCE at variable,
+            require!(self, "derivative-once" at variable,
                 index != unknown.index && states.insert(index),
                 "it is in {list} of ModelStructure as derivative of {name}, expected a state that has no \
                  other derivative there");
             if self.is_3() {
                 self.state_causality(state, "the state");
-                require!(self, DERIVATIVE_SIZE at variable, sizes(variable) == sizes(state),
+                require!(self, "derivative-size" at variable, sizes(variable) == sizes(state),
                     "it is the derivative of {name}, expected the same dimensions");
             }
         }
@@ -976,7 +763,7 @@ impl Check<'_> {
     /// Checks that a state or event indicator is computed by the FMU.
     fn state_causality(&mut self, variable: &Listed<'_>, what: &str) {
         let causality = variable.causality;
-        require!(self, STATE_CAUSALITY at variable,
+        require!(self, "state-causality" at variable,
             matches!(causality, Causality::Local | Causality::Output),
             "{what} has causality {}, expected local or output", causality.as_str());
     }
@@ -986,13 +773,13 @@ impl Check<'_> {
         for variable in (model.clocked_states.iter()).filter_map(|u| model.variable(u.index)) {
             let is_discrete = variable.variability == Variability::Discrete;
             let has_previous = variable.element.has("previous");
-            require!(self, CLOCKED_STATE at variable,
+            require!(self, "clocked-state" at variable,
                 has_previous && is_clocked(variable) && is_discrete,
                 "it is in ClockedState, expected it to be discrete and to have the attributes clocks and \
                  previous");
         }
         for variable in (model.event_indicators.iter()).filter_map(|u| model.variable(u.index)) {
-            require!(self, INDICATOR_CONTINUOUS at variable,
+            require!(self, "indicator-continuous" at variable,
                 variable.of_type.is_float() && is_continuous(variable),
                 "it is in EventIndicator, expected a continuous {}", self.float());
             self.state_causality(variable, "the event indicator");
@@ -1005,7 +792,7 @@ impl Check<'_> {
         let mut pairs = unknowns.windows(2);
         let descent = pairs.find(|pair| pair[0].number > pair[1].number);
         if let Some([first, second]) = descent.filter(|_| !self.is_3()) {
-            find!(self, INITIAL_UNKNOWNS_ORDER at second.element,
+            find!(self, "initial-unknowns-order" at second.element,
                 "InitialUnknowns has the index {} after {}, expected ascending order",
                 second.number, first.number);
         }
@@ -1017,7 +804,7 @@ impl Check<'_> {
                 || is_clocked(v)
         };
         let expected = "inputs, the independent variable, and variables with initial exact";
-        self.dependencies(unknowns, &INITIAL_KNOWN, is_known, expected);
+        self.dependencies(unknowns, rule!("initial-known"), is_known, expected);
         let listed = indices(unknowns);
         let mut of_states = indices(&model.derivatives);
         for unknown in &model.derivatives {
@@ -1033,10 +820,10 @@ impl Check<'_> {
                 _ => is_computed && of_states.contains(&index),
             };
             let is_listed = listed.contains(&index);
-            require!(self, INITIAL_UNKNOWNS_LISTED at variable, is_listed || !is_unknown,
+            require!(self, "initial-unknowns-listed" at variable, is_listed || !is_unknown,
                 "it is computed during initialization but not in {list} of ModelStructure, expected it \
                  there");
-            require!(self, ONLY_INITIAL_UNKNOWNS_LISTED at variable, is_unknown || !is_listed,
+            require!(self, "only-initial-unknowns-listed" at variable, is_unknown || !is_listed,
                 "it is in {list} of ModelStructure, expected outputs, calculated parameters, states and \
                  derivatives that are computed");
         }
@@ -1056,7 +843,7 @@ impl Check<'_> {
         for start in variable.element.children("Start") {
             // Two digits a byte.
             let size = start.attribute("value").unwrap_or_default().trim().len() / 2;
-            require!(self, START_SIZE at variable, size <= max as usize,
+            require!(self, "start-size" at variable, size <= max as usize,
                 "its start value has {size} bytes, expected at most maxSize = {max}");
         }
     }
@@ -1067,14 +854,14 @@ impl Check<'_> {
         if variable.causality == Causality::StructuralParameter
             && let Some(dimension) = element.child("Dimension")
         {
-            find!(self, STRUCTURAL_SCALAR at dimension,
+            find!(self, "structural-scalar" at dimension,
                 "the structural parameter has a Dimension, expected none");
         }
         let mut size = Some(1_u64);
         for dimension in element.children("Dimension") {
             let pair = size.zip(self.length(dimension));
             size = pair.and_then(|(a, b)| a.checked_mul(b));
-            require!(self, ARRAY_SIZE at variable, pair.is_none() || size.is_some(),
+            require!(self, "array-size" at variable, pair.is_none() || size.is_some(),
                 "its dimensions have more elements than a computer can address");
         }
         let is_list = matches!(variable.of_type, Type::String | Type::Binary);
@@ -1088,7 +875,7 @@ impl Check<'_> {
                 1 => String::new(),
                 size => format!(" or {size}"),
             };
-            require!(self, START_COUNT at variable, fits,
+            require!(self, "start-count" at variable, fits,
                 "it has {starts} start values, expected 1{or_more}");
         }
     }
@@ -1104,7 +891,7 @@ impl Check<'_> {
             [None, Some(reference)] => {
                 let referred = self.model.referred(dimension, "valueReference");
                 let Some(size) = referred.filter(is_size) else {
-                    find!(self, DIMENSION_REFERENCE at dimension,
+                    find!(self, "dimension-reference" at dimension,
                         "valueReference of the Dimension is {reference}, expected that of a UInt64 that \
                          is a constant or a structural parameter");
                     return None;
@@ -1116,13 +903,13 @@ impl Check<'_> {
                     Some(_) => "both start and",
                     None => "neither start nor",
                 };
-                find!(self, DIMENSION_SIZE at dimension,
+                find!(self, "dimension-size" at dimension,
                     "the Dimension has {both} valueReference, expected one of them");
                 return None;
             }
         };
         let length = whole(start)?;
-        require!(self, DIMENSION_POSITIVE at dimension, length > 0,
+        require!(self, "dimension-positive" at dimension, length > 0,
             "the initial size of the Dimension is 0, expected a positive number");
         Some(length)
     }
@@ -1131,7 +918,7 @@ impl Check<'_> {
         let model = self.model;
         let has_clocks = model.variables().any(|(_, v)| v.of_type == Type::Clock);
         for interface in model.root.children("CoSimulation") {
-            require!(self, CLOCKS_NEED_EVENTS at interface,
+            require!(self, "clocks-need-events" at interface,
                 !has_clocks || interface.is_true("hasEventMode"),
                 "the FMU has clocks, expected hasEventMode = true");
         }
@@ -1154,13 +941,13 @@ impl Check<'_> {
     fn clock(&mut self, variable: &Listed<'_>) {
         use Causality::{Input, Local, Output};
         let (clock, causality) = (variable.element, variable.causality);
-        require!(self, CLOCK_CAUSALITY at variable, matches!(causality, Input | Output | Local),
+        require!(self, "clock-causality" at variable, matches!(causality, Input | Output | Local),
             "the clock has causality {}, expected input, output or local", causality.as_str());
         self.interval(clock, variable.declared);
-        require!(self, CLOCK_PRIORITY at variable, causality != Output || !clock.has("priority"),
+        require!(self, "clock-priority" at variable, causality != Output || !clock.has("priority"),
             "the output has a priority, expected none");
         let needs_one = causality == Input && self.model.scheduled_execution().is_some();
-        require!(self, CLOCK_PRIORITY at variable,
+        require!(self, "clock-priority" at variable,
             !needs_one || variable.inherited("priority").is_some(),
             "it has no priority, expected one in Scheduled Execution");
     }
@@ -1177,24 +964,24 @@ impl Check<'_> {
             Variability::Tunable => !is_clock,
             _ => !is_clock && clocks.is_none(),
         };
-        require!(self, CLOCKED_VARIABILITY at variable, fits,
+        require!(self, "clocked-variability" at variable, fits,
             "it is {what} with variability {}, expected {expected}", variable.variability.as_str());
-        require!(self, CLOCKS_EXIST at variable,
+        require!(self, "clocks-exist" at variable,
             clocks.is_none_or(|all| items(all).next().is_some()),
             "clocks is empty, expected value references of clocks");
         for clock in items(clocks.unwrap_or_default()) {
             let of = unsigned(clock).and_then(|number| model.variable(model.index(number)));
-            require!(self, CLOCKS_EXIST at variable, of.is_some_and(|of| of.of_type == Type::Clock),
+            require!(self, "clocks-exist" at variable, of.is_some_and(|of| of.of_type == Type::Clock),
                 "clocks has {clock}, expected value references of clocks");
         }
         let is_updated = variable.element.is_true("intermediateUpdate");
-        require!(self, INTERMEDIATE_UPDATE at variable, !is_updated || is_continuous(variable),
+        require!(self, "intermediate-update" at variable, !is_updated || is_continuous(variable),
             "it has intermediateUpdate = true, expected it only for continuous variables");
     }
 
     fn previous(&mut self, variable: &Listed<'_>, reference: &str, is_first: bool) {
         let is_discrete = |v: &Listed<'_>| v.variability == Variability::Discrete;
-        require!(self, PREVIOUS_CLOCKED at variable, is_clocked(variable) && is_discrete(variable),
+        require!(self, "previous-clocked" at variable, is_clocked(variable) && is_discrete(variable),
             "it has previous, expected it only for discrete variables with clocks");
         let kind = variable.value.name;
         let fits = |before: &Listed<'_>| {
@@ -1203,7 +990,7 @@ impl Check<'_> {
             is_other && before.value.name == kind && is_discrete(before) && is_computed
         };
         let before = self.model.referred(variable.element, "previous");
-        require!(self, PREVIOUS_REFERENCE at variable, before.is_some_and(fits) && is_first,
+        require!(self, "previous-reference" at variable, before.is_some_and(fits) && is_first,
             "previous is {reference}, expected the value reference of another discrete {kind} that is no \
              input, and of each at most once");
     }
@@ -1218,28 +1005,28 @@ impl Check<'_> {
             ("shiftDecimal", true, "0 or more"),
         ] {
             let value = clock.real(name).unwrap_or(1.0);
-            require!(self, CLOCK_INTERVAL at at(), value > 0.0 || may_be_zero && value == 0.0,
+            require!(self, "clock-interval" at at(), value > 0.0 || may_be_zero && value == 0.0,
                 "{name} is {value}, expected {expected}");
         }
         let variability = clock.attribute("intervalVariability").unwrap_or_default();
-        require!(self, CLOCK_INTERVAL_GIVEN at at(),
+        require!(self, "clock-interval-given" at at(),
             variability != "constant" || has("intervalDecimal"),
             "the clock is constant and has no intervalDecimal, expected one");
         let is_periodic = !matches!(variability, "changing" | "countdown" | "triggered");
         for name in ["intervalDecimal", "intervalCounter", "resolution"] {
-            require!(self, CLOCK_PERIODIC at at(), is_periodic || !clock.has(name),
+            require!(self, "clock-periodic" at at(), is_periodic || !clock.has(name),
                 "it has {name} and intervalVariability {variability}, expected {name} only for periodic \
                  clocks");
         }
         for [shift, interval] in
             [["shiftDecimal", "intervalDecimal"], ["shiftCounter", "intervalCounter"]]
         {
-            require!(self, CLOCK_SHIFT at at(), !clock.has(shift) || has(interval),
+            require!(self, "clock-shift" at at(), !clock.has(shift) || has(interval),
                 "it has {shift} and no {interval}, expected both");
         }
         let own = clock.has("supportsFraction");
         let supports = declared.filter(|_| !own).unwrap_or(clock);
-        require!(self, CLOCK_FRACTION at at(),
+        require!(self, "clock-fraction" at at(),
             !clock.has("intervalCounter") || supports.is_true("supportsFraction") && has("resolution"),
             "it has intervalCounter, expected a resolution and supportsFraction = true with it");
     }

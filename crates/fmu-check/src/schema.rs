@@ -22,36 +22,7 @@ use fmu_description::xml::Element;
 use fmu_file::text::quote;
 
 use crate::finding::{Findings, Location, find, require};
-use crate::rule::rules;
-
-rules! {
-    /// What the XML schema requires.
-    pub SCHEMA {
-        ROOT_ELEMENT: Error, "root-element", Standard("section 2.2.1", "section 2.4.1"),
-            "The root element of a file is the one of its schema.";
-        NO_TEXT: Error, "no-text", Standard("section 2.2", "section 2.4"),
-            "Elements hold other elements, but no text.";
-        ATTRIBUTE_REQUIRED: Error, "attribute-required", Standard("section 2.2", "section 2.4"),
-            "Required attributes are given.";
-        ATTRIBUTE_VALUE: Error, "attribute-value", Standard("section 2.2", "section 2.4"),
-            "The value of an attribute has the form that the schema requires.";
-        ATTRIBUTE_KNOWN: Error, "attribute-known", Standard("section 2.2", "section 2.4"),
-            "An element has no attributes but those of the schema.";
-        ELEMENT_KNOWN: Error, "element-known", Standard("section 2.2", "section 2.4"),
-            "An element holds no elements but those of the schema.";
-        ELEMENT_ORDER: Error, "element-order", Standard("section 2.2", "section 2.4"),
-            "Elements are in the order of the schema.";
-        ELEMENT_ONCE: Error, "element-once", Standard("section 2.2", "section 2.4"),
-            "An element appears at most as often as the schema allows.";
-        ELEMENT_REQUIRED: Error, "element-required", Standard("section 2.2", "section 2.4"),
-            "Required elements are given.";
-        ONE_ANNOTATION: Warning, "one-annotation", Fmi2("section 2.2.6"),
-            "The annotation of a tool is one element.";
-        INTERFACE_ATTRIBUTE: Warning, "interface-attribute",
-            Practice("the schema allows them for layered standards only, which use namespaces"),
-            "An interface type has no attributes without namespace but those of FMI.";
-    }
-}
+use crate::rule::rule;
 
 macro_rules! schemas {
     ($($name:ident = $file:literal;)*) => {
@@ -78,7 +49,7 @@ struct Document<'a> {
 /// Checks a file of an FMU against its schema.
 pub fn check(file: &str, root: &Element<'_>, schema: &Schema, findings: &mut Findings) {
     if root.name != schema.root {
-        return find!(findings, ROOT_ELEMENT at Location::of(file, root),
+        return find!(findings, "root-element" at Location::of(file, root),
             "the root is {}, expected {}", quote(root.name), schema.root);
     }
     let mut document = Document { file, schema, findings };
@@ -93,9 +64,9 @@ impl Document<'_> {
             return;
         }
         let number = element.children.len();
-        require!(self.findings, ONE_ANNOTATION at at(), of.content != "one" || number <= 1,
+        require!(self.findings, "one-annotation" at at(), of.content != "one" || number <= 1,
             "{name} holds {number} elements, expected at most one");
-        require!(self.findings, NO_TEXT at at(), of.content == "mixed" || !element.has_text,
+        require!(self.findings, "no-text" at at(), of.content == "mixed" || !element.has_text,
             "{name} holds text, expected elements only");
         self.attributes(element, of);
         if of.content.is_empty() {
@@ -107,11 +78,11 @@ impl Document<'_> {
         let (at, of_element) = (|| Location::of(self.file, element), element.name);
         for (name, form, is_required) in &of.attributes {
             match element.attribute(name) {
-                None => require!(self.findings, ATTRIBUTE_REQUIRED at at(), !is_required,
+                None => require!(self.findings, "attribute-required" at at(), !is_required,
                     "{of_element} has no attribute {name}, expected one"),
                 Some(value) => {
                     if let Some(expected) = unfit(value, form) {
-                        find!(self.findings, ATTRIBUTE_VALUE at at(),
+                        find!(self.findings, "attribute-value" at at(),
                             "{name} is {}, expected {expected}", quote(value));
                     }
                 }
@@ -125,7 +96,8 @@ impl Document<'_> {
             if is_special || is_known || of.has_more && name.contains(':') {
                 continue;
             }
-            let rule = if of.has_more { &INTERFACE_ATTRIBUTE } else { &ATTRIBUTE_KNOWN };
+            let rule =
+                if of.has_more { rule!("interface-attribute") } else { rule!("attribute-known") };
             let (name, version) = (quote(name), self.findings.version().as_str());
             let text = format!(
                 "{of_element} has the attribute {name}, which FMI {version} does not define"
@@ -146,21 +118,21 @@ impl Document<'_> {
                 Some((index, *of))
             });
             let Some((index, of)) = found else {
-                find!(self.findings, ELEMENT_KNOWN at at,
+                find!(self.findings, "element-known" at at,
                     "{parent_name} holds {}, expected {}", quote(name), names(parts));
                 continue;
             };
-            require!(self.findings, ELEMENT_ORDER at at.clone(), index >= reached,
+            require!(self.findings, "element-order" at at.clone(), index >= reached,
                 "{name} comes after {}, expected it before", parts[reached].choice[0].0);
             reached = reached.max(index);
             counts[index] += 1;
             let at_most = parts[index].at_most;
-            require!(self.findings, ELEMENT_ONCE at at, counts[index].checked_sub(1) != Some(at_most),
+            require!(self.findings, "element-once" at at, counts[index].checked_sub(1) != Some(at_most),
                 "{parent_name} holds too many {name}, expected {at_most} at most");
             self.element(child, of);
         }
         for (part, count) in parts.iter().zip(counts) {
-            require!(self.findings, ELEMENT_REQUIRED at Location::of(self.file, parent),
+            require!(self.findings, "element-required" at Location::of(self.file, parent),
                 count >= part.at_least,
                 "{parent_name} holds no {}, expected one", names(std::slice::from_ref(part)));
         }

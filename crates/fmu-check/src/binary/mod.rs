@@ -1,7 +1,6 @@
 //! Tests that run a binary, each in its own process, since the binary may crash, hang or exit.
 
 mod probes;
-pub mod rules;
 mod run;
 mod values;
 
@@ -26,13 +25,9 @@ use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
 use crate::finding::Findings;
-use crate::rule::Rule;
+use crate::rule::{RULES, Rule, rule};
 pub use probes::run as probe;
 use probes::{MISTAKES, OTHERS, Probe};
-use rules::{
-    BEHAVIOUR, FILES, INDEPENDENT, INITIALISED, NOT_RUN, NOT_TESTED, OUTPUT, REPRODUCIBLE,
-    SURVIVES_MISUSE,
-};
 use run::lock;
 use values::{Difference, EXCITATIONS, MAX_ELEMENTS, Row, Trajectory};
 
@@ -97,7 +92,7 @@ pub fn check(
             let folders = Vec::from_iter(platforms.iter().map(|platform| platform.folder));
             let folder = folders.join(", ");
             let text = format!("there is none for this machine ({folder}); no binary was run");
-            findings.add(&NOT_RUN, "binaries", text);
+            findings.add(rule!("binary-not-run"), "binaries", text);
         }
         return;
     };
@@ -105,7 +100,7 @@ pub fn check(
         let head = archive.head(binary, Platform::HEAD);
         if head.is_ok_and(|head| !is_for_this_processor(&head)) {
             let text = "it is built for another processor; no binary was run";
-            return findings.add(&NOT_RUN, binary.as_str(), text);
+            return findings.add(rule!("binary-not-run"), binary.as_str(), text);
         }
     }
     let mut run_all = || -> Result<()> {
@@ -139,7 +134,7 @@ pub fn check(
         report_files(session.path(), &files, findings)
     };
     if let Err(error) = run_all() {
-        findings.add(&NOT_RUN, "binaries", format!("cannot be run: {error:#}"));
+        findings.add(rule!("binary-not-run"), "binaries", format!("cannot be run: {error:#}"));
     }
 }
 
@@ -244,7 +239,7 @@ impl Outcome {
     fn add(&mut self, reply: Reply) {
         match reply {
             Reply::Found(id, text) => {
-                let rule = BEHAVIOUR.iter().find(|rule| rule.id == id);
+                let rule = RULES.iter().find(|rule| rule.id == id);
                 self.found.extend(rule.map(|rule| (rule, text)));
             }
             Reply::Unreadable(name) => self.unreadable.push(name),
@@ -289,7 +284,7 @@ impl Checker<'_> {
         if !self.left_out.is_empty() {
             let (count, names) = (self.left_out.len(), self.left_out.join(", "));
             let text = format!("the FMU is so slow that {count} tests were not run: {names}");
-            self.add(&NOT_TESTED, text);
+            self.add(rule!("not-tested"), text);
         }
         Ok(())
     }
@@ -300,7 +295,7 @@ impl Checker<'_> {
             let (name, n) = (quote(&variable.name), variable.count());
             if n > MAX_ELEMENTS {
                 let limit = format!("expected at most {MAX_ELEMENTS} for tests");
-                self.add(&NOT_TESTED, format!("{name} has {n} elements, {limit}"));
+                self.add(rule!("not-tested"), format!("{name} has {n} elements, {limit}"));
             }
         }
         for name in ["identity", "readable"] {
@@ -324,7 +319,7 @@ impl Checker<'_> {
             let jobs: Vec<Job<'_>> = group.map(|probe| (probe, [].as_slice())).collect();
             let outcomes = self.tests(&jobs)?;
             let mut found = outcomes.iter().flat_map(|outcome| &outcome.found);
-            self.task.is_fragile |= found.any(|(rule, _)| **rule == SURVIVES_MISUSE);
+            self.task.is_fragile |= found.any(|(rule, _)| **rule == *rule!("survives-misuse"));
         }
         Ok(())
     }
@@ -399,10 +394,13 @@ impl Checker<'_> {
                 more => format!("; so do {more} more variables"),
             };
             let text = format!("two equal runs differ: {}{others}", first.text);
-            self.add(&REPRODUCIBLE, text);
+            self.add(rule!("reproducible"), text);
         }
         let logging = "with another instance name and logging";
-        let how = [(&INITIALISED, "when new memory is not zero"), (&INDEPENDENT, logging)];
+        let how = [
+            (rule!("initialised-memory"), "when new memory is not zero"),
+            (rule!("independent-of-host"), logging),
+        ];
         for (trace, (rule, when)) in traces.zip(how) {
             let actual = trace.unwrap_or_default();
             let differences = observed.differences(&actual, &expected, 0.0, [when, ""]);
@@ -518,7 +516,7 @@ impl Checker<'_> {
                     (outcome.timed_out, outcome.is_cut) = (true, false);
                     let (name, seconds) = (probe.name, limit.as_secs_f64());
                     let text = format!("the test {name} was ended after {seconds:.0} s");
-                    outcome.found.push((&NOT_TESTED, text));
+                    outcome.found.push((rule!("not-tested"), text));
                     return Ok(outcome);
                 }
                 Event::Ended(ended) => {
@@ -553,7 +551,7 @@ impl Checker<'_> {
         if let Some(line) = head.lines().find(|line| !line.trim().is_empty()) {
             let line = quote(line);
             let text = format!("the FMU printed {line}, expected that it logs by the callback");
-            outcome.found.push((&OUTPUT, text));
+            outcome.found.push((rule!("prints"), text));
         }
         Ok(outcome)
     }
@@ -576,7 +574,7 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
         if !names.is_empty() {
             let (count, names) = (files.len(), names.join(", "));
             let text = format!("{count} files were written to {place}: {names}; expected none");
-            findings.add(&FILES, "binaries", text);
+            findings.add(rule!("files"), "binaries", text);
         }
     }
     Ok(())

@@ -15,12 +15,11 @@ use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, Instantiation, Kind, Library, Status, Treatment};
 use fmu_worker::{Calls, Function, Record, Service};
 
-use super::rules::{EARLY_RETURN, EVENT_FLAGS, EVENTS, LAST_TIME};
 use super::values::{
     EXCITATIONS, Input, MAX_ELEMENTS, Observed, Row, Trajectory, get, inputs, is_tested, other,
 };
 use super::{FMU, Reply, Task, logged};
-use crate::rule::Rule;
+use crate::rule::{Rule, rule};
 use crate::rules::{is_clocked, is_continuous};
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
@@ -28,17 +27,17 @@ const MAX_ROUNDS: usize = 1000;
 /// In model exchange, every how many steps there is an event.
 const EVENT_EVERY: usize = 10;
 
-/// Reports a finding of a rule of the binary: `report!(subject, MEMORY, "{bytes} bytes are left")`.
+/// Reports a finding of a rule of the binary: `report!(subject, "memory", "{bytes} bytes are left")`.
 macro_rules! report {
-    ($subject:expr, $rule:ident, $($text:tt)+) => {
-        $subject.report.find(&$crate::binary::rules::$rule, format!($($text)+))
+    ($subject:expr, $rule:literal, $($text:tt)+) => {
+        $subject.report.find($crate::rule::rule!($rule), format!($($text)+))
     };
 }
 pub(super) use report;
 
-/// Reports a finding unless a condition holds: `check!(subject, MEMORY: bytes == 0, "{bytes} are left")`.
+/// Reports a finding unless a condition holds: `check!(subject, "memory": bytes == 0, "{bytes} are left")`.
 macro_rules! check {
-    ($subject:expr, $rule:ident: $condition:expr, $($text:tt)+) => {
+    ($subject:expr, $rule:literal: $condition:expr, $($text:tt)+) => {
         match $condition {
             true => {}
             false => $crate::binary::run::report!($subject, $rule, $($text)+),
@@ -686,7 +685,7 @@ impl<'a> Run<'a> {
     }
 
     fn check_written(&mut self, function: &str, is_written: bool) {
-        self.expect(&EVENTS, is_written, || {
+        self.expect(rule!("event-iteration"), is_written, || {
             format!("{function} did not write all of its results, expected it to write all")
         });
     }
@@ -764,23 +763,25 @@ impl<'a> Run<'a> {
             !is_early || early_return && last > time,
             "the step from t = {time} s has ended early, at {last} s, though that is not allowed"
         );
-        self.expect(&EARLY_RETURN, !is_early || self.subject.claims(might), || {
+        self.expect(rule!("early-return-flag"), !is_early || self.subject.claims(might), || {
             format!("{might} is false, but the step from t = {time} s to {end} s ended at {last} s")
         });
         // Other steps need not end where the solver of an FMU does.
         let is_usual = (step - usual).abs() <= slack
             && self.subject.element.attribute("fixedInternalStepSize").is_none();
         let is_at_end = (last - end).abs() <= slack;
-        self.expect(&LAST_TIME, is_early || !is_usual || is_at_end, || {
+        self.expect(rule!("last-successful-time"), is_early || !is_usual || is_at_end, || {
             format!("lastSuccessfulTime is {:.3e} s off the end of a step of {usual} s", last - end)
         });
         let needed = stepped.event_handling_needed;
-        self.expect(&EVENT_FLAGS, event_mode || !needed, || {
+        self.expect(rule!("events-signalled"), event_mode || !needed, || {
             "eventHandlingNeeded is true after a step without event mode".into()
         });
         let how = ["inside a step with event mode", " as before, until fmi3UpdateDiscreteStates"];
         let changed = discrete.ensure_same(&self.row(&discrete)?, &before, 0.0, how);
-        self.expect(&EVENT_FLAGS, changed.is_ok(), || format!("{:#}", changed.unwrap_err()));
+        self.expect(rule!("events-signalled"), changed.is_ok(), || {
+            format!("{:#}", changed.unwrap_err())
+        });
         if event_mode && needed {
             self.instance.enter_event_mode()?;
             self.iterate()?;

@@ -15,10 +15,9 @@ use fmu_file::text::quote;
 use fmu_host::{Kind, Treatment, environment, fmi2, stray_messages};
 
 use super::runs::bytes;
-use crate::binary::rules::{self, ARITHMETIC, DIRECTORY, ENVIRONMENT, LOCALE, SIGNALS};
 use crate::binary::run::{Run, SKIP, Setup, Subject, check, lock, readable};
 use crate::binary::values::{is_tested, other};
-use crate::rule::Rule;
+use crate::rule::{Rule, rule};
 
 /// A GUID of another FMU.
 const WRONG_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
@@ -28,7 +27,7 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
     let missing = subject.library.missing(subject.kind);
     for name in &missing {
         let text = format!("the function {name} is missing, expected it in the library");
-        subject.report.find(&rules::LOADS, text);
+        subject.report.find(rule!("loads"), text);
     }
     if !missing.is_empty() {
         return Ok(());
@@ -39,7 +38,7 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
             _ => subject.model.version.as_str(),
         };
         let given = quote(&text);
-        check!(subject, VERSION: text == expected, "{function} gave {given}, expected {expected:?}");
+        check!(subject, "version-functions": text == expected, "{function} gave {given}, expected {expected:?}");
     }
     subject.instantiate(&subject.setup())?;
     Ok(())
@@ -48,7 +47,7 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
 /// Passes the GUID of another FMU.
 pub fn guid(subject: &Subject<'_>) -> Result<()> {
     let instance = subject.try_instantiate(&subject.setup(), WRONG_GUID)?;
-    check!(subject, GUID: instance.is_none(),
+    check!(subject, "guid-checked": instance.is_none(),
         "fmi2Instantiate accepted the GUID of another FMU, expected NULL: a mismatch of XML and binary \
          would go unnoticed");
     Ok(())
@@ -102,7 +101,7 @@ pub fn short_lived_strings(subject: &Subject<'_>) -> Result<()> {
     let actual = Run::recorded(subject, setup)?;
     provoke(subject, setup);
     let misnamed = lock(&subject.logged).misnamed;
-    check!(subject, ARGUMENTS_COPIED: misnamed == 0,
+    check!(subject, "arguments-copied": misnamed == 0,
         "messages were logged with another name of the instance than the one passed to fmi2Instantiate");
     (subject.observed).ensure_same(&actual, expected, subject.tolerance, [HOW, ""])
 }
@@ -145,13 +144,13 @@ fn properties() -> Vec<Property> {
     };
     let locale = environment::locale().unwrap_or_default();
     vec![
-        (&DIRECTORY, "the working directory", format!("{directory:?}")),
-        (&LOCALE, "the locale", locale),
-        (&SIGNALS, "the mask of caught signals", field("SigCgt:")),
-        (&SIGNALS, "the mask of ignored signals", field("SigIgn:")),
-        (&ARITHMETIC, "the arithmetic", arithmetic.into()),
-        (&ENVIRONMENT, "the umask of new files", field("Umask:")),
-        (&ENVIRONMENT, "the state of stdout and stderr", output),
+        (rule!("working-directory"), "the working directory", format!("{directory:?}")),
+        (rule!("locale"), "the locale", locale),
+        (rule!("signals"), "the mask of caught signals", field("SigCgt:")),
+        (rule!("signals"), "the mask of ignored signals", field("SigIgn:")),
+        (rule!("arithmetic"), "the arithmetic", arithmetic.into()),
+        (rule!("environment"), "the umask of new files", field("Umask:")),
+        (rule!("environment"), "the state of stdout and stderr", output),
     ]
 }
 
@@ -205,10 +204,10 @@ pub fn process(subject: &Subject<'_>) -> Result<()> {
     }
     let set = env::vars_os().filter(|variable| !variables.contains(variable));
     let set: Vec<_> = set.map(|(name, _)| name).collect();
-    check!(subject, ENVIRONMENT: set.is_empty(),
+    check!(subject, "environment": set.is_empty(),
         "the environment variables {} were set in a run", set.join(OsStr::new(", ")).display());
     for ((what, old), (_, new)) in between.into_iter().zip(handles()) {
-        check!(subject, HANDLES: new <= old,
+        check!(subject, "handles": new <= old,
             "{} {what} are left of an instance that was freed, expected none", new - old);
     }
     Ok(())
@@ -250,7 +249,7 @@ pub fn memory(subject: &Subject<'_>) -> Result<()> {
     let few = subject.task.steps.min(2);
     let more = subject.task.steps.clamp(2, 50);
     let found = |bytes: usize, what: &str, when: &str| {
-        check!(subject, MEMORY: bytes == 0,
+        check!(subject, "memory": bytes == 0,
             "each {what} leaves {bytes} bytes of memory behind{when}, expected none");
     };
     let short = growth(subject, || cycle(subject, few))?;
@@ -305,15 +304,15 @@ pub fn logging(subject: &Subject<'_>) -> Result<()> {
     // Some FMUs log from their own threads.
     sleep(Duration::from_millis(20));
     let (logged, stray) = (*lock(&subject.logged), stray_messages());
-    check!(subject, LOGGING_OFF: chatty == 0,
+    check!(subject, "logging-off": chatty == 0,
         "{chatty} messages with status fmi2OK were logged in a run without logging, expected none");
-    check!(subject, CATEGORY: logged.uncategorized == 0,
+    check!(subject, "log-category": logged.uncategorized == 0,
         "{} messages were logged with NULL for the category, expected a category", logged.uncategorized);
-    check!(subject, DECLARED_CATEGORY: logged.undeclared == 0,
+    check!(subject, "log-category-declared": logged.undeclared == 0,
         "{} messages were logged with a category that LogCategories does not list", logged.undeclared);
-    check!(subject, CATEGORY: logged.invalid == 0,
+    check!(subject, "log-category": logged.invalid == 0,
         "{} messages were logged with a status that is not an fmi2Status", logged.invalid);
-    check!(subject, LOG_ENVIRONMENT: stray == 0,
+    check!(subject, "log-environment": stray == 0,
         "{stray} messages were logged with another component environment than an instance's, or \
          after the instance was freed");
     Ok(())
@@ -333,7 +332,7 @@ pub fn debug_logging(subject: &Subject<'_>) -> Result<()> {
     run.advance_by(subject.task.steps.min(20))?;
     drop(run);
     let logged = lock(&subject.logged).ok - before;
-    check!(subject, LOGGING_OFF: logged == 0,
+    check!(subject, "logging-off": logged == 0,
         "{logged} messages with status fmi2OK were logged after fmi2SetDebugLogging(false), expected none");
     let mut run = Run::begin(subject, subject.setup())?;
     subject.report.stage("with an unknown category");
@@ -453,7 +452,7 @@ pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
             get(variable.reference, &is)?;
         }
     }
-    refused.report(&rules::UNKNOWN_REFERENCE)
+    refused.report(rule!("unknown-references"))
 }
 
 /// Writes value references that do not exist.
@@ -466,7 +465,7 @@ pub fn unknown_set(subject: &Subject<'_>) -> Result<()> {
             (run.instance).set_values(of_type, &[unknown], &[Value::Boolean(false)])
         })?;
     }
-    refused.report(&rules::UNKNOWN_REFERENCE)
+    refused.report(rule!("unknown-references"))
 }
 
 /// Sets what the XML does not allow to set.
@@ -501,21 +500,21 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
             refused.call(what, Run::stepped, |run| run.set(variable, &[value]))?;
         }
     }
-    refused.report(&rules::SETTABLE)
+    refused.report(rule!("settable"))
 }
 
 /// Makes calls that the FMU must refuse: what each is, the run in which it is made, and the call.
 macro_rules! refuse {
-    ($subject:ident, $rule:ident: $($what:literal, $at:expr, $call:expr;)*) => {{
+    ($subject:ident, $rule:literal: $($what:literal, $at:expr, $call:expr;)*) => {{
         let mut refused = Refused::new($subject);
         $(refused.call($what, $at, $call)?;)*
-        refused.report(&rules::$rule)
+        refused.report(rule!($rule))
     }};
 }
 
 /// Takes steps with a wrong size or time.
 pub fn step_arguments(subject: &Subject<'_>) -> Result<()> {
-    refuse! { subject, STEP_ARGUMENTS:
+    refuse! { subject, "step-arguments":
         "fmi2DoStep with a negative step size", Run::stepped, |run| run.do_step(1.0, -1.0);
         "fmi2DoStep with a time before the current one", Run::stepped, |run| run.do_step(0.0, 1.0);
         "fmi2DoStep with a time after the current one", Run::stepped, |run| run.do_step(101.0, 1.0);
@@ -524,7 +523,7 @@ pub fn step_arguments(subject: &Subject<'_>) -> Result<()> {
 
 /// Takes steps with invalid numbers.
 pub fn step_nan(subject: &Subject<'_>) -> Result<()> {
-    refuse! { subject, STEP_ARGUMENTS:
+    refuse! { subject, "step-arguments":
         "fmi2DoStep with a step size of NaN", Run::stepped, |run| run.do_step(1.0, f64::NAN);
         "fmi2DoStep with an infinite step size", Run::stepped, |run| run.do_step(1.0, f64::INFINITY);
         "fmi2DoStep with a time of NaN", Run::stepped, |run| run.do_step(f64::NAN, 1.0);
@@ -533,7 +532,7 @@ pub fn step_nan(subject: &Subject<'_>) -> Result<()> {
 
 /// Makes calls in a wrong order.
 pub fn order(subject: &Subject<'_>) -> Result<()> {
-    refuse! { subject, ORDER:
+    refuse! { subject, "order-of-calls":
         "fmi2ExitInitializationMode before fmi2EnterInitializationMode", Run::instantiate,
             |run| run.instance.exit_initialization_mode();
         "fmi2EnterInitializationMode after initialization", Run::stepped,
@@ -543,7 +542,7 @@ pub fn order(subject: &Subject<'_>) -> Result<()> {
 
 /// Sets up the experiment a second time.
 pub fn order_of_setup(subject: &Subject<'_>) -> Result<()> {
-    refuse! { subject, ORDER:
+    refuse! { subject, "order-of-calls":
         "fmi2SetupExperiment after initialization", Run::stepped,
             |run| run.instance.setup_experiment(subject.start, None, None);
     }
@@ -551,7 +550,7 @@ pub fn order_of_setup(subject: &Subject<'_>) -> Result<()> {
 
 /// Takes steps before initialization and after the end.
 pub fn order_of_steps(subject: &Subject<'_>) -> Result<()> {
-    refuse! { subject, ORDER:
+    refuse! { subject, "order-of-calls":
         "fmi2DoStep before initialization", Run::instantiate, |run| run.do_step(0.0, 1.0);
         "fmi2DoStep in initialization mode", Run::initializing, |run| run.do_step(0.0, 1.0);
         "fmi2DoStep after fmi2Terminate", Run::terminated, |run| run.do_step(1.0, 1.0);
@@ -561,7 +560,7 @@ pub fn order_of_steps(subject: &Subject<'_>) -> Result<()> {
 /// Takes a step beyond the stop time.
 pub fn past_stop(subject: &Subject<'_>) -> Result<()> {
     let stop = Some(subject.start + 2.0 * subject.step);
-    refuse! { subject, PAST_STOP:
+    refuse! { subject, "past-stop-time":
         "fmi2DoStep beyond the stop time",
             |subject, setup| {
                 let mut run = Run::stepped(subject, setup.with(|s| s.stop = stop))?;
@@ -586,7 +585,7 @@ pub fn array_lengths(subject: &Subject<'_>) -> Result<()> {
             refused.call(what, Run::begin, |run| run.read_elements(variable, wrong))?;
         }
     }
-    refused.report(&rules::ARRAY_LENGTHS)
+    refused.report(rule!("array-lengths"))
 }
 
 /// Passes bytes that are not a serialized state.
@@ -618,7 +617,7 @@ pub fn damaged_state(subject: &Subject<'_>) -> Result<()> {
             set
         })?;
     }
-    refused.report(&rules::DAMAGED_STATE)
+    refused.report(rule!("damaged-state"))
 }
 
 /// Steps with these values for each Real input in turn.
@@ -670,7 +669,7 @@ pub fn status(subject: &Subject<'_>) -> Result<()> {
     let _ = i.get_string_status(fmi2::fmi2PendingStatus, &mut text);
     let _ = i.cancel_step();
     let end = run.time();
-    check!(subject, STATUS_TIME: !has_time || (time - end).abs() <= 1e-6 * subject.step,
+    check!(subject, "last-time-status": !has_time || (time - end).abs() <= 1e-6 * subject.step,
         "fmi2LastSuccessfulTime is {time} s after a step to t = {end} s, expected the end of the step");
     Ok(())
 }

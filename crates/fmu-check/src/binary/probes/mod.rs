@@ -16,8 +16,8 @@ use fmu_worker::Service;
 
 use super::run::{ONLY_ONCE, Report, Run, SKIP, Setup, Subject, claims};
 use super::values::Trajectory;
-use super::{FMU, Reply, Task, rules};
-use crate::rule::Rule;
+use super::{FMU, Reply, Task};
+use crate::rule::{Rule, rule};
 
 /// A test.
 pub struct Probe {
@@ -72,9 +72,9 @@ impl Probe {
     /// The rule that it breaks if the process crashes, hangs or ends.
     pub fn crash(&self) -> &'static Rule {
         match self.traits {
-            traits if traits.contains(&Misuse) => &rules::SURVIVES_MISUSE,
+            traits if traits.contains(&Misuse) => rule!("survives-misuse"),
             traits if traits.contains(&Own) => self.rule,
-            _ => &rules::SURVIVES,
+            _ => rule!("survives"),
         }
     }
 
@@ -195,10 +195,10 @@ fn settle() {
 
 /// Defines tests: the name of each, the rule that it breaks if it fails, its function and traits.
 macro_rules! probes {
-    ($($name:literal: $rule:ident, $test:expr $(, $trait:expr)*;)*) => {
+    ($($name:literal: $rule:literal, $test:expr $(, $trait:expr)*;)*) => {
         &[$(Probe {
             name: $name,
-            rule: &rules::$rule,
+            rule: rule!($rule),
             test: $test,
             traits: &[$($trait),*],
         }),*]
@@ -213,17 +213,17 @@ const COARSE: f64 = 1e-3;
 /// The tests on whose results the others depend.
 static FIRST: &[Probe] = probes! {
     // The binary loads and creates an instance.
-    "identity": LOADS, host::identity, Unloads;
+    "identity": "loads", host::identity, Unloads;
     // Which variables cannot be read.
-    "readable": RUNS, values::readable;
+    "readable": "runs", values::readable;
     // A run to the end of the default experiment.
-    "experiment": RUNS, runs::experiment;
+    "experiment": "runs", runs::experiment;
     // Short runs, which are compared between processes.
-    "trace": RUNS, |s| runs::trace(s, s.setup());
-    "trace-logging": INDEPENDENT,
+    "trace": "runs", |s| runs::trace(s, s.setup());
+    "trace-logging": "independent-of-host",
         |s| runs::trace(s, s.setup().with(|s| (s.name, s.logging) = ("another_name", true)));
     // The life of an instance under an allocator that checks the heap. What is no crash, another test finds.
-    "heap": HEAP, |s| host::lives(s).ok().context(SKIP), Own;
+    "heap": "heap", |s| host::lives(s).ok().context(SKIP), Own;
 };
 
 const STATE: Trait = Claims("canGetAndSetFMUstate");
@@ -239,96 +239,96 @@ const WHOLE: &str = " as with whole steps";
 
 /// Calls that hosts make by mistake; other tests make none if these crash.
 pub static MISTAKES: &[Probe] = probes! {
-    "mistakes": SURVIVES_MISUSE, host::mistakes, Misuse;
-    "unknown-get": UNKNOWN_REFERENCE, host::unknown_get, Misuse;
-    "unknown-set": UNKNOWN_REFERENCE, host::unknown_set, Misuse;
-    "step-arguments": STEP_ARGUMENTS, host::step_arguments, Misuse, CoSimulation;
-    "order": ORDER, host::order, Misuse;
-    "order-of-setup": ORDER, host::order_of_setup, Misuse, Fmi2;
-    "order-of-steps": ORDER, host::order_of_steps, Misuse, CoSimulation;
+    "mistakes": "survives-misuse", host::mistakes, Misuse;
+    "unknown-get": "unknown-references", host::unknown_get, Misuse;
+    "unknown-set": "unknown-references", host::unknown_set, Misuse;
+    "step-arguments": "step-arguments", host::step_arguments, Misuse, CoSimulation;
+    "order": "order-of-calls", host::order, Misuse;
+    "order-of-setup": "order-of-calls", host::order_of_setup, Misuse, Fmi2;
+    "order-of-steps": "order-of-calls", host::order_of_steps, Misuse, CoSimulation;
 };
 
 /// All other tests.
 pub static OTHERS: &[Probe] = probes! {
-    "guid": GUID, host::guid, Quick;
-    "start": START, values::start, Quick;
-    "state": STATE, runs::restore, Quick, STATE;
-    "serialized": SERIALIZED, runs::serialize, Quick, STATE, BYTES;
-    "directional": DIRECTIONAL, values::derivatives_in_run, Quick, DIRECTIONAL;
-    "directional-initial": DIRECTIONAL, values::derivatives_in_initialization, DIRECTIONAL;
-    "directional-unlisted": DIRECTIONAL, values::unlisted_derivatives, Misuse, DIRECTIONAL;
-    "input-derivatives": INPUT_DERIVATIVES, values::derivatives_of_inputs_in_time,
+    "guid": "guid-checked", host::guid, Quick;
+    "start": "start-values", values::start, Quick;
+    "state": "state", runs::restore, Quick, STATE;
+    "serialized": "serialized-state", runs::serialize, Quick, STATE, BYTES;
+    "directional": "directional-derivatives", values::derivatives_in_run, Quick, DIRECTIONAL;
+    "directional-initial": "directional-derivatives", values::derivatives_in_initialization, DIRECTIONAL;
+    "directional-unlisted": "directional-derivatives", values::unlisted_derivatives, Misuse, DIRECTIONAL;
+    "input-derivatives": "input-derivatives", values::derivatives_of_inputs_in_time,
         Quick, Fmi2, CoSimulation, INTERPOLATES;
-    "output-derivatives": OUTPUT_DERIVATIVES, values::derivatives_of_outputs_in_time, Quick, CoSimulation;
-    "instances": SEPARATE, |s| same(s, ["with a second instance", ALONE], ROUNDING, runs::beside), Quick, Several;
-    "reset": RESET, |s| same(s, ["after fmi2Reset", NEW], s.tolerance, runs::reset), Quick;
-    "reset-new": RESET,
+    "output-derivatives": "output-derivatives", values::derivatives_of_outputs_in_time, Quick, CoSimulation;
+    "instances": "separate-instances", |s| same(s, ["with a second instance", ALONE], ROUNDING, runs::beside), Quick, Several;
+    "reset": "reset", |s| same(s, ["after fmi2Reset", NEW], s.tolerance, runs::reset), Quick;
+    "reset-new": "reset",
         |s| same(s, ["after fmi2Reset of a new instance", NEW], s.tolerance,
             |s, how| runs::reset_and_run(s, how, Run::instantiate(s, s.setup())?));
-    "reset-initializing": RESET,
+    "reset-initializing": "reset",
         |s| same(s, ["after fmi2Reset in initialization mode", NEW], s.tolerance,
             |s, how| runs::reset_and_run(s, how, Run::initializing(s, s.setup())?));
-    "reset-values": RESET, runs::reset_values;
-    "previous": SEPARATE,
+    "reset-values": "reset", runs::reset_values;
+    "previous": "separate-instances",
         |s| same(s, ["after another instance was freed", ALONE], ROUNDING, runs::after_another);
-    "thread": THREADS, |s| same(s, ["on another thread", ALONE], ROUNDING, runs::on_a_thread);
-    "threads": THREADS, runs::on_threads, Own, Several;
-    "strings-of-instances": STRINGS, values::strings_of_instances, Several;
-    "no-stop-time": STOP_TIME,
+    "thread": "any-thread", |s| same(s, ["on another thread", ALONE], ROUNDING, runs::on_a_thread);
+    "threads": "any-thread", runs::on_threads, Own, Several;
+    "strings-of-instances": "string-lifetime", values::strings_of_instances, Several;
+    "no-stop-time": "independent-of-stop-time",
         |s| same_with(s, ["without a stop time", STOP], s.tolerance, |setup| setup.stop = None);
-    "later-stop-time": STOP_TIME,
+    "later-stop-time": "independent-of-stop-time",
         |s| same_with(s, ["with a later stop time", STOP], s.tolerance, |setup| {
             setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - s.start));
         });
-    "summed-times": ROUNDED_TIMES,
+    "summed-times": "rounded-times",
         |s| same_with(s, ["with times that are rounded in another way", ""], s.tolerance,
             |setup| setup.summed_times = true);
-    "step-size": STEP_SIZE, runs::step_sizes, Quick, CoSimulation, VARIABLE_STEPS;
-    "micro-steps": MICRO_STEPS,
+    "step-size": "variable-step-size", runs::step_sizes, Quick, CoSimulation, VARIABLE_STEPS;
+    "micro-steps": "micro-steps",
         |s| same_with(s, ["with each step in two parts, the second of 1e-9 of its size", WHOLE],
             s.tolerance.max(COARSE), |setup| setup.fractions = &[1.0 - 1e-9, 1e-9]),
         CoSimulation, VARIABLE_STEPS;
-    "half-steps": HALF_STEPS,
+    "half-steps": "half-steps",
         |s| same_with(s, ["with each step in two halves", WHOLE],
             s.tolerance.max(COARSE), |setup| setup.fractions = &[0.5, 0.5]),
         CoSimulation, VARIABLE_STEPS;
-    "stop-time-passed": PAST_STOP, host::past_stop, Misuse, Fmi2, CoSimulation;
-    "end": GET_AFTER_END, runs::end;
-    "get": PURE_GET, values::get;
-    "nothing": NO_VARIABLES, values::nothing, Own;
-    "aliases": ALIASES, values::aliases;
-    "kept": INPUTS_KEPT, values::kept;
-    "kept-arrays": INPUTS_KEPT, values::kept_arrays, Quick, Fmi3;
-    "tunable": TUNABLE, values::tunable, CoSimulation;
-    "dependencies": DEPENDENCIES, values::dependencies;
-    "initial-dependencies": DEPENDENCIES, values::initial_dependencies;
-    "states": STATE_VARIABLES, values::states, ModelExchange;
-    "events": EVENTS, values::events, ModelExchange;
-    "array-lengths": ARRAY_LENGTHS, host::array_lengths, Misuse, Fmi3;
-    "sizes": SIZES, values::sizes, Quick, Fmi3, CoSimulation;
-    "adjoint": ADJOINT, values::adjoint_derivatives, Quick, Fmi3, ADJOINT;
-    "event-mode": EVENT_MODE, runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
-    "flags": RUNS, runs::flags, Quick, Fmi3, CoSimulation;
-    "start-time": START_TIME, runs::start_time, Quick;
-    "tunable-effect": TUNABLE_EFFECT, runs::tunable_effect, CoSimulation;
-    "null": FREE_NULL, host::null, Own, Fmi2;
-    "no-logger": NO_LOGGER, host::no_logger, Own;
-    "no-resources": NO_RESOURCES, host::no_resources, Own;
-    "strings": ARGUMENTS_COPIED, host::short_lived_strings, Own;
-    "format": LOG_FORMAT, |s| host::with_text(s, "percent signs", "%s%s%n%s%s%n%s%s%n%d"), Own;
-    "logging": LOGGING_OFF, host::logging;
-    "host": HANDLES, host::process;
-    "memory": MEMORY, host::memory;
-    "debug-logging": RUNS, host::debug_logging, Misuse;
-    "long": LONG_TEXTS, |s| host::with_text(s, "20000 characters", &"long".repeat(5000)), Own;
-    "initial-outputs": INITIAL_OUTPUTS, values::initial_outputs, CoSimulation;
-    "nan": NAN, |s| host::with_inputs(s, &[f64::NAN]), Own, Brief;
-    "infinity": NAN, |s| host::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
-    "damaged-state": DAMAGED_STATE, host::damaged_state, Misuse, STATE, BYTES;
-    "settable": SETTABLE, host::settable, Misuse;
-    "step-nan": STEP_ARGUMENTS, host::step_nan, Misuse, CoSimulation;
-    "status": SURVIVES_MISUSE, host::status, Misuse, Fmi2, CoSimulation;
-    "after-error": AFTER_ERROR, host::after_error, Misuse;
+    "stop-time-passed": "past-stop-time", host::past_stop, Misuse, Fmi2, CoSimulation;
+    "end": "get-after-terminate", runs::end;
+    "get": "get-is-pure", values::get;
+    "nothing": "zero-references", values::nothing, Own;
+    "aliases": "aliases", values::aliases;
+    "kept": "inputs-kept", values::kept;
+    "kept-arrays": "inputs-kept", values::kept_arrays, Quick, Fmi3;
+    "tunable": "tunable", values::tunable, CoSimulation;
+    "dependencies": "true-dependencies", values::dependencies;
+    "initial-dependencies": "true-dependencies", values::initial_dependencies;
+    "states": "state-variables", values::states, ModelExchange;
+    "events": "event-iteration", values::events, ModelExchange;
+    "array-lengths": "array-lengths", host::array_lengths, Misuse, Fmi3;
+    "sizes": "structural-parameters", values::sizes, Quick, Fmi3, CoSimulation;
+    "adjoint": "adjoint-derivatives", values::adjoint_derivatives, Quick, Fmi3, ADJOINT;
+    "event-mode": "event-mode", runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
+    "flags": "runs", runs::flags, Quick, Fmi3, CoSimulation;
+    "start-time": "start-time", runs::start_time, Quick;
+    "tunable-effect": "tunable-effect", runs::tunable_effect, CoSimulation;
+    "null": "free-null", host::null, Own, Fmi2;
+    "no-logger": "no-logger", host::no_logger, Own;
+    "no-resources": "no-resource-location", host::no_resources, Own;
+    "strings": "arguments-copied", host::short_lived_strings, Own;
+    "format": "log-format", |s| host::with_text(s, "percent signs", "%s%s%n%s%s%n%s%s%n%d"), Own;
+    "logging": "logging-off", host::logging;
+    "host": "handles", host::process;
+    "memory": "memory", host::memory;
+    "debug-logging": "runs", host::debug_logging, Misuse;
+    "long": "long-texts", |s| host::with_text(s, "20000 characters", &"long".repeat(5000)), Own;
+    "initial-outputs": "initial-outputs", values::initial_outputs, CoSimulation;
+    "nan": "survives-nan", |s| host::with_inputs(s, &[f64::NAN]), Own, Brief;
+    "infinity": "survives-nan", |s| host::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
+    "damaged-state": "damaged-state", host::damaged_state, Misuse, STATE, BYTES;
+    "settable": "settable", host::settable, Misuse;
+    "step-nan": "step-arguments", host::step_nan, Misuse, CoSimulation;
+    "status": "survives-misuse", host::status, Misuse, Fmi2, CoSimulation;
+    "after-error": "after-error", host::after_error, Misuse;
 };
 
 #[test]

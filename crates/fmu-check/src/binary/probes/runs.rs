@@ -11,10 +11,9 @@ use fmu_file::text::quote;
 use fmu_host::Kind;
 
 use crate::binary::Reply;
-use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, START_REFUSED, STEADY_TIME, VALID_VALUES};
 use crate::binary::run::{ONLY_ONCE, Run, SKIP, Setup, Subject, check, is_refusal};
 use crate::binary::values::{Row, Trajectory, allows, element_name, real_range, shown};
-use crate::rule::Rule;
+use crate::rule::{Rule, rule};
 
 /// Maximum size of a serialized state.
 const MAX_BYTES: usize = 1 << 30;
@@ -32,7 +31,7 @@ pub fn experiment(subject: &Subject<'_>) -> Result<()> {
     // The FMU has refused to go on, or computed what is not a number, which may be due to the inputs or to
     // our solver.
     let is_doubtful = |outcome: &Result<_>, found: &Found| {
-        let has_nan = found.iter().any(|(rule, _)| **rule == FINITE);
+        let has_nan = found.iter().any(|(rule, _)| **rule == *rule!("finite-outputs"));
         has_nan || outcome.as_ref().is_err_and(is_refusal)
     };
     let (mut outcome, mut found) = watch(subject, setup);
@@ -84,7 +83,7 @@ fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<(usize, f64)>, Foun
             }
         })?;
         if let Some(text) = slows_down(steps, &times) {
-            subject.report.find(&STEADY_TIME, text);
+            subject.report.find(rule!("steady-time"), text);
         }
         if run.ended
             && subject.kind == Kind::ModelExchange
@@ -93,13 +92,13 @@ fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<(usize, f64)>, Foun
             && rates.iter().any(|rate| rate.is_nan())
         {
             let text = format!("fmi2GetDerivatives gave {rates:?} for the states {states:?}");
-            found.push((&FINITE, format!("{text}, expected finite numbers")));
+            found.push((rule!("finite-outputs"), format!("{text}, expected finite numbers")));
         }
         if !run.ended {
             let after = run.row(&constants)?;
             let how = ["at the end of the run", " as after initialization"];
             let changed = constants.differences(&after, &before, 0.0, how);
-            found.extend(changed.into_iter().map(|changed| (&CONSTANT, changed.text)));
+            found.extend(changed.into_iter().map(|changed| (rule!("constants"), changed.text)));
         }
         run.instance.terminate()?;
         Ok((steps, begin.elapsed().as_secs_f64()))
@@ -109,7 +108,7 @@ fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<(usize, f64)>, Foun
 
 /// The rule that a value in a run breaks, and what was expected.
 fn fault(variable: &Listed<'_>, value: &Value) -> Option<(&'static Rule, String)> {
-    let invalid = |expected: &str| Some((&VALID_VALUES, expected.to_owned()));
+    let invalid = |expected: &str| Some((rule!("valid-values"), expected.to_owned()));
     match (value, value.as_real()) {
         (Value::String(text), _) if text.contains(char::REPLACEMENT_CHARACTER) => {
             invalid("text in UTF-8")
@@ -117,13 +116,15 @@ fn fault(variable: &Listed<'_>, value: &Value) -> Option<(&'static Rule, String)
         (Value::String(_) | Value::Boolean(_), _) => None,
         _ if variable.of_type == Type::Boolean => invalid("0 or 1"),
         (_, Some(_)) if variable.causality != Causality::Output => None,
-        (_, Some(number)) if !number.is_finite() => Some((&FINITE, "a finite number".into())),
+        (_, Some(number)) if !number.is_finite() => {
+            Some((rule!("finite-outputs"), "a finite number".into()))
+        }
         (_, Some(number)) => {
             let (min, max) = real_range(variable);
             let slack = 1e-6 * number.abs();
             let is_within = min - slack <= number && number <= max + slack;
             let text = || format!("a number from {min} to {max} as in the XML");
-            (!is_within).then(|| (&BOUNDS, text()))
+            (!is_within).then(|| (rule!("bounds"), text()))
         }
         _ if allows(variable, value) => None,
         _ => invalid("a value that the XML allows"),
@@ -278,7 +279,7 @@ pub fn flags(subject: &Subject<'_>) -> Result<()> {
     subject.report.stage("with early return and intermediate updates");
     run_with(subject, |s| (s.event_mode, s.early_return) = (event_mode, true))?;
     let updates = subject.updates.load(Relaxed);
-    check!(subject, INTERMEDIATE: updates == 0 || subject.claims(PROVIDES),
+    check!(subject, "intermediate-update-flag": updates == 0 || subject.claims(PROVIDES),
         "{PROVIDES} is false, but the callback was called {updates} times");
     Ok(())
 }
@@ -302,7 +303,7 @@ pub fn start_time(subject: &Subject<'_>) -> Result<()> {
     moved.report.stage(format!("from t = {} s on", moved.start));
     match follow_time(&moved, run, if is_exact { STEPS } else { 0 }) {
         Err(error) if is_refusal(&error) => {
-            subject.report.fail(&START_REFUSED, &format!("{error:#}"));
+            subject.report.fail(rule!("start-time-steps"), &format!("{error:#}"));
             Ok(())
         }
         outcome => outcome,
@@ -362,7 +363,7 @@ pub fn tunable_effect(subject: &Subject<'_>) -> Result<()> {
         else {
             continue;
         };
-        check!(subject, TUNABLE_EFFECT: has_effect(&during) || !has_effect(&before),
+        check!(subject, "tunable-effect": has_effect(&during) || !has_effect(&before),
             "{} changes the outputs if it is set before initialization, but not between two steps",
             quote(&parameter.name));
     }

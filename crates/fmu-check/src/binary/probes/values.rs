@@ -10,12 +10,12 @@ use fmu_file::text::quote;
 use fmu_host::{Instance, Kind};
 
 use crate::binary::Reply;
-use crate::binary::rules;
 use crate::binary::run::{Run, SKIP, Subject, check, is_discrete};
 use crate::binary::values::{
     MAX_ELEMENTS, Observed, Row, allows, element_name, is_near, is_tested, other, others,
     references, shown, size,
 };
+use crate::rule::rule;
 use crate::rules::is_continuous;
 
 /// Maximum number of variables that are reported as unreadable.
@@ -31,7 +31,7 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
     for variable in subject.readable().filter(is_dependent) {
         if let Err(error) = run.read(variable) {
             let report = subject.report;
-            report.find(&rules::READABLE, format!("{error:#}"));
+            report.find(rule!("readable"), format!("{error:#}"));
             report.reply(&Reply::Unreadable(variable.name.clone()));
             refused += 1;
             if refused == MAX_UNREADABLE {
@@ -53,7 +53,7 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
     for variable in subject.readable().filter(has_start) {
         let read = run.read(variable);
         let Ok(values) = read else {
-            check!(subject, READABLE: false,
+            check!(subject, "readable": false,
                 "{:#} in initialization mode", read.unwrap_err());
             return Ok(());
         };
@@ -71,7 +71,7 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
             };
             let text =
                 format!("the start value of {name} is {is}, expected {expected} as in the XML");
-            subject.report.find(&rules::START, text);
+            subject.report.find(rule!("start-values"), text);
         }
     }
     Ok(())
@@ -122,7 +122,7 @@ fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     if n > 0 && subject.model.version == FmiVersion::Fmi2 {
         let mut values = vec![GUARD; n + 8];
         run.instance.get_float64(&references, &mut values)?;
-        check!(subject, WRITES_INSIDE: values[n..].iter().all(|value| *value == GUARD),
+        check!(subject, "writes-inside": values[n..].iter().all(|value| *value == GUARD),
             "fmi2GetReal wrote more than {n} values, expected {n}");
     }
     Ok(())
@@ -137,7 +137,7 @@ fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     let values = run.reals(&references)?;
     let expected = values.clone();
     let set = run.instance.set_float64(&references, black_box(&values));
-    check!(subject, WRITES_INSIDE: set.is_err() || *black_box(&values) == expected,
+    check!(subject, "writes-inside": set.is_err() || *black_box(&values) == expected,
         "fmi2SetReal has changed the values that were passed, expected it to read them only");
     Ok(())
 }
@@ -247,7 +247,7 @@ fn are_kept<'a>(
             continue;
         }
         ensure!(value.as_real().is_some_and(is_rounded), "{}", text());
-        subject.report.find(&rules::SINGLE_PRECISION, text());
+        subject.report.find(rule!("single-precision"), text());
         return Ok(true);
     }
     Ok(true)
@@ -399,7 +399,7 @@ fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: &Value) -> Resul
     let mut run = run.reset()?;
     run.enter_initialization()?;
     let (value, start) = (run.value(parameter)?, parameter.start_of(0));
-    check!(subject, RESET: start.is_none_or(|start| value == *start),
+    check!(subject, "reset": start.is_none_or(|start| value == *start),
         "after fmi3Reset, {} is {value}, expected its start value", quote(&parameter.name));
     Ok(())
 }
@@ -902,7 +902,7 @@ pub fn states(subject: &Subject<'_>) -> Result<()> {
         let mut counted = [0; 2];
         run.instance.get_number_of_continuous_states(&mut counted[0])?;
         run.instance.get_number_of_event_indicators(&mut counted[1])?;
-        check!(subject, COUNTS: counted == [n, indicators],
+        check!(subject, "states-counted": counted == [n, indicators],
             "the binary has {} states and {} event indicators, expected {n} and {indicators}",
             counted[0], counted[1]);
     }
@@ -942,7 +942,7 @@ fn written(
     if n > 0 {
         get(&mut run.instance, &mut values[..n])?;
         let count = black_box(&values).iter().filter(|value| **value != GUARD).count();
-        check!(run.subject, COUNTS: count == n, "{function} wrote {count} numbers, expected {n}");
+        check!(run.subject, "states-counted": count == n, "{function} wrote {count} numbers, expected {n}");
     }
     Ok(())
 }
