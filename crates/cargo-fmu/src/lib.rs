@@ -2,11 +2,8 @@
 #![forbid(unsafe_code)]
 
 pub mod commands;
-// Without the commands that run FMUs, a part of both is not used.
-#[cfg(feature = "run")]
 mod plot;
 pub mod session;
-#[cfg_attr(not(feature = "run"), expect(dead_code))]
 mod style;
 mod table;
 
@@ -15,14 +12,15 @@ use std::fmt;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use session::Session;
 use style::ERROR;
 
-#[cfg(feature = "run")]
-use commands::run;
-use commands::{completions, export, info, merge, new};
+use commands::{
+    compare, completions, export, info, merge, new, simulate, ssp, sweep, try_out, validate,
+};
 
 /// Write, build, inspect, merge, check, simulate and sweep FMUs
 #[derive(Parser)]
@@ -69,9 +67,62 @@ Examples:
   cargo fmu merge Pid.fmu macos/Pid.fmu -o Pid.fmu"
     )]
     Merge(merge::MergeArgs),
-    #[cfg(feature = "run")]
-    #[command(flatten)]
-    Run(run::Command),
+    /// Check FMUs as an importer would, and run their binaries
+    #[command(after_help = "Exit code: 1 if there is an error, 0 if there are only warnings.
+
+Example:\n  cargo fmu validate target/fmu/*.fmu")]
+    Validate(validate::ValidateArgs),
+    /// Simulate a system of coupled FMUs
+    #[command(after_help = "Examples:
+  cargo fmu simulate examples/closed-loop/pid.toml --csv target/pid.csv
+  cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
+      --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
+    Simulate(simulate::SimulateArgs),
+    /// Build models quickly and simulate them, again after each change
+    #[command(
+        mut_arg("system", |arg| arg.value_name("MODEL or SYSTEM.toml").help(
+            "Model of this workspace, or system file, whose FMUs are all of this workspace"
+        )),
+        mut_arg("fmus", |arg| arg.hide(true)),
+        mut_arg("sandbox", |arg| arg.hide(true)),
+        mut_arg("profile", |arg| arg.default_value("dev")),
+        after_help = "The FMUs are for FMI 2.0, and are deleted at the end.
+
+Examples:
+  cargo fmu run Pendulum --set theta0=0.1 --stop 2
+  cargo fmu run loop.toml --watch --plot loop.html"
+    )]
+    Run(try_out::RunArgs),
+    /// Simulate a system with many parameter sets; write the metrics of each run
+    #[command(after_help = "An interrupted sweep resumes when it is started again.
+
+Example:
+  cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv")]
+    Sweep(sweep::SweepArgs),
+    /// Compare the results of two runs
+    #[command(
+        after_help = "Variables are compared at the times of the reference. Exit code: 1 if one differs.
+
+Examples:
+  cargo fmu compare target/first.csv target/second.csv
+  cargo fmu compare target/first.csv target/second.csv --relative 1e-3 \\
+      --hold controller.u --plot target/both.html"
+    )]
+    Compare(compare::CompareArgs),
+    /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
+    #[command(
+        after_help = "A package cannot specify the order of stepping; most tools step all components
+in parallel.
+
+Examples:
+  cargo fmu ssp examples/ssp/*.toml
+  cargo fmu ssp my-system.toml --out packages"
+    )]
+    Ssp(ssp::SspArgs),
+    /// Run one test of a binary in its own process
+    // Resembles no other command, which would be suggested for a misspelled one.
+    #[command(hide = true, name = "__probe")]
+    Probe,
     /// Print a completion script for a shell
     #[command(after_help = "Example:
   source <(cargo fmu completions bash)")]
@@ -111,27 +162,35 @@ fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item
         .map(|(_, argument)| argument)
 }
 
-fn run(command: Command) -> anyhow::Result<ExitCode> {
+fn run(command: Command) -> Result<ExitCode> {
     // Not locked, since a sweep prints rows from several threads.
     let out = &mut anstream::stdout();
+    let code = |is_passed| if is_passed { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     match command {
         Command::New(args) => new::run(&args, out)?,
-        Command::Export(options) => {
-            let _session = Session::end_when_interrupted()?;
-            export::run(&options, out)?;
-        }
+        Command::Export(options) => until_interrupted(|| export::run(&options, out))?,
         Command::Info(args) => info::run(&args, out)?,
-        Command::Merge(args) => {
-            let _session = Session::end_when_interrupted()?;
-            merge::run(&args, out)?;
+        Command::Merge(args) => until_interrupted(|| merge::run(&args, out))?,
+        Command::Validate(args) => {
+            return until_interrupted(|| validate::run(&args, out)).map(code);
         }
-        #[cfg(feature = "run")]
-        Command::Run(command) => return run::run(command, out),
+        Command::Simulate(args) => return simulate::run(&args, out),
+        Command::Run(args) => return try_out::run(args, out),
+        Command::Sweep(args) => return sweep::run(&args, out),
+        Command::Compare(args) => return until_interrupted(|| compare::run(&args, out)).map(code),
+        Command::Ssp(args) => until_interrupted(|| ssp::run(&args, out))?,
         Command::Completions { shell } => {
             out.write_all(&completions::script(shell, Cli::command()))?;
         }
+        Command::Probe => fmu_check::probe()?,
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Runs a command in a session that ends the process when it is interrupted.
+fn until_interrupted<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    let _session = Session::end_when_interrupted()?;
+    work()
 }
 
 /// Whether the reader of our output has exited, as in `cargo fmu info FILE | head`.

@@ -1,6 +1,5 @@
 //! `cargo fmu info`: the contents of an FMU.
 
-#[cfg(feature = "run")]
 mod json;
 
 use std::io::Write;
@@ -73,7 +72,6 @@ pub struct InfoArgs {
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
     /// Print a JSON object, of several FMUs an array
-    #[cfg(feature = "run")]
     #[arg(long)]
     pub json: bool,
 }
@@ -83,7 +81,6 @@ pub struct InfoArgs {
 /// # Errors
 /// A file is not a valid FMU, or `out` cannot be written.
 pub fn run(args: &InfoArgs, out: &mut impl Write) -> Result<()> {
-    #[cfg(feature = "run")]
     if args.json {
         return json::print(&args.files, out);
     }
