@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree, html
-from scipy import linalg, signal
+from scipy import linalg
 
 import reference
 from pendulum_fmus import table1
@@ -249,6 +249,18 @@ def test_learning_rate_limits_match_the_crate_control_and_the_fmus(page, cells):
         assert all((change > 1) == rings for change in changes.values())
 
 
+def test_the_gains_found_are_better_as_documented_and_keep_other_pendulums_upright(page, cells):
+    text = (ROOT / "docs" / "engineering.md").read_text(encoding="utf-8")
+    for kind in ("PID-RBF", "IPID-RBF"):
+        for gains in ("paper", "found"):
+            row = re.search(rf"\| {kind}, gains (?:of the )?{gains} \|(.*)\|", text)[1]
+            for signal, cell in zip(("step", "sine", "square"), row.split("|"), strict=True):
+                area = cells("beyond-tuning", f"integral of |e|, {signal} [rad s]")
+                assert float(cell) == pytest.approx(area[f"{kind}, {gains}"], rel=5e-3)
+    badges = page.xpath("//*[@id='beyond-tuning']/summary/p/span")
+    assert [badge.text_content() for badge in badges] == ["✓ holds"] * 2
+
+
 @pytest.mark.parametrize("delay", DELAYS)
 def test_matrix_matches_the_independent_controller(delay):
     """At r = 1, without force limit, from a small deviation."""
@@ -269,14 +281,9 @@ def test_matrix_matches_the_independent_controller(delay):
 
 
 def test_the_lqr_is_that_of_scipy():
-    """From the equations (9), discretized and solved by SciPy."""
-    M, m, l, g, I, b = NOMINAL.values()  # noqa: E741
-    mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
-    rates, force = np.zeros((4, 4)), np.zeros((4, 1))
-    rates[0, 1] = rates[2, 3] = 1
-    rates[[1, 3], 1:3] = np.linalg.solve(mass, [[-b, 0], [0, m * g * l]])
-    force[[1, 3], 0] = np.linalg.solve(mass, [1, 0])
-    A, B, *_ = signal.cont2discrete((rates, force, np.eye(4), np.zeros((4, 1))), TS)
+    """From the equations (9), discretized and solved with SciPy."""
+    A, B = reference.hold(TS)
+    B = B[:, None]
     R, Q = np.array([[20.0**-2]]), np.diag([0.5**-2, 0, math.radians(10) ** -2, 0])
     P = linalg.solve_discrete_are(A, B, Q, R)
     expected = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)

@@ -23,8 +23,8 @@ from .stability import (
     NOMINAL,
     bearable,
     crossings,
-    exponential,
     gain_margin,
+    held_cart,
     last_true,
     modulus_margin,
     open_loop,
@@ -35,20 +35,6 @@ from .stability import (
 
 BRYSON = {"x": 0.5, "theta": math.radians(10), "u": 20.0}
 """Deviations [m, rad, N] that weigh the same in the cost of the LQR (Bryson's rule)."""
-
-
-def held_cart() -> tuple[np.ndarray, np.ndarray]:
-    """Return the zero-order-hold discretization of (9) with x: A (4, 4), B (4, 1).
-
-    The states are x, v, theta, omega.
-    """
-    M, m, l, g, I, b = NOMINAL.values()  # noqa: E741
-    mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
-    rates = np.zeros((5, 5))
-    rates[[1, 3]] = np.linalg.solve(mass, [[0, -b, 0, 0, 1], [0, 0, m * g * l, 0, 0]])
-    rates[0, 1] = rates[2, 3] = 1
-    held = exponential(rates)
-    return held[:4, :4], held[:4, 4:]
 
 
 def lqr() -> np.ndarray:

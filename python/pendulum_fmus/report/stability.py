@@ -69,18 +69,24 @@ def activation(r: float = 1.0) -> float:
     return float(nodes(r) @ nodes(r))
 
 
-def held_plant(plant: dict[str, float] = NOMINAL) -> tuple[np.ndarray, np.ndarray]:
-    """Return the zero-order-hold discretization of (9), without x: A (3, 3), B (3,).
+def held_cart(plant: dict[str, float] = NOMINAL) -> tuple[np.ndarray, np.ndarray]:
+    """Return the zero-order-hold discretization of (9) with x: A (4, 4), B (4, 1).
 
-    The states are v, theta, omega.
+    The states are x, v, theta, omega.
     """
     M, m, l, g, I, b = (plant[name] for name in NOMINAL)  # noqa: E741
     mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
-    rates = np.zeros((4, 4))  # the last row and column are the constant force
-    rates[[0, 2]] = np.linalg.solve(mass, [[-b, 0, 0, 1], [0, m * g * l, 0, 0]])
-    rates[1, 2] = 1
+    rates = np.zeros((5, 5))  # the last row and column are the constant force
+    rates[[1, 3]] = np.linalg.solve(mass, [[0, -b, 0, 0, 1], [0, 0, m * g * l, 0, 0]])
+    rates[0, 1] = rates[2, 3] = 1
     held = exponential(rates)
-    return held[:3, :3], held[:3, 3]
+    return held[:4, :4], held[:4, 4:]
+
+
+def held_plant(plant: dict[str, float] = NOMINAL) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same without x, on which nothing else depends: A (3, 3), B (3,)."""
+    A, B = held_cart(plant)
+    return A[1:, 1:], B[1:, 0]
 
 
 def exponential(rates: np.ndarray) -> np.ndarray:
