@@ -15,6 +15,7 @@ import fmpy
 import numpy as np
 import pandas
 import polars
+import pyarrow.parquet
 import pytest
 from dask.distributed import Client
 from IPython.core.formatters import DisplayFormatter
@@ -391,7 +392,7 @@ SIGNALS = {
 def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
     """The integral of |e| is that of the samples, by the left rectangle."""
     gains, masses = [200.0, 300.0, 250.0], [1.0, 1.1, 1.2]
-    out = tmp_path / "out.csv"
+    out = tmp_path / "out.parquet"
     system = System({**loop, "stop": 1.0})
     plan = {"controller.pid.kp": gains, "plant.M": masses}
     runs = sweep(plan, system, out, signals=SIGNALS)
@@ -401,7 +402,10 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
         result = system.simulate({"controller.pid.kp": gain, "plant.M": mass})
         integral = np.sum(np.abs(result["controller.e"])) * 1e-3
         assert runs["iae"][index] == pytest.approx(integral, rel=2e-3)
-    assert out.read_text().startswith("index,controller.pid.kp,plant.M,")
+    fields = {field.name: str(field.type) for field in pyarrow.parquet.read_schema(out)}
+    assert list(fields)[:3] == ["index", "controller.pid.kp", "plant.M"]
+    assert [fields[name] for name in ("index", "iae", "diverged")] == ["int64", "double", "bool"]
+    # Without a file, by a temporary one in CSV.
     with Client(processes=False, dashboard_address=None) as client:
         distributed = Sweep(plan, system, signals=SIGNALS).dask(client)
     for name in runs:

@@ -1,7 +1,5 @@
 """`cargo fmu sweep`: runs compared with FMPy, kills, tables, and bad input."""
 
-import csv
-import io
 import itertools
 import math
 import re
@@ -9,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 
 import sweeps
@@ -92,22 +89,6 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads(program, 
     ranges = [printed("sweep", sweep, "--rows", chunk) for chunk in ("0..7", "7..8", "8..32")]
     found = "".join(ranges).splitlines(keepends=True)
     assert sorted(found, key=lines.index) == lines
-
-
-def test_parquet_equals_csv(program, tmp_path):
-    sweep = sweeps.written(tmp_path, SHORT)
-    expected(sweep, ".parquet")
-    found = pyarrow.parquet.read_table(tmp_path / "uninterrupted.parquet")
-    types = {field.name: str(field.type) for field in found.schema}
-    read = {
-        "bool": lambda cell: cell == "true",
-        "double": lambda cell: float(cell) if cell else None,
-        "int64": int,
-        "string": lambda cell: cell or None,
-    }
-    rows = csv.DictReader(io.StringIO(expected(sweep).decode()))
-    assert found.to_pylist() == [{n: read[types[n]](row[n]) for n in row} for row in rows]
-    assert (types["index"], types["plant.M"], types["diverged"]) == ("int64", "double", "bool")
 
 
 def test_a_killed_sweep_resumes(program, tmp_path):

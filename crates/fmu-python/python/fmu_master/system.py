@@ -164,28 +164,15 @@ class System:
         ----------
         start_values
             Start values by `component.variable`; enumerations by the names of their items.
-        start_time, stop_time, step_size
-            Times [s].
-        input
-            Inputs over time; see `Input`.
-        output
-            Names of variables to record, by default all outputs that are numbers.
         order
             "sequential" or "parallel".
-        tolerance
-            Relative tolerance of all components.
-        interface
-            "co-simulation" or "model-exchange".
-        in_process
-            Run in this process. That saves some milliseconds, but an FMU that crashes ends Python.
-        progress
-            Show a progress bar.
+        start_time, stop_time, step_size, input, output, tolerance, interface, in_process, progress
+            As for `simulate`, for all components.
 
         Raises
         ------
         FmuError
-            The system does not fit, or an FMU fails or ends its process; its `result` has the
-            rows so far.
+            As for `simulate`.
         """
         given = self._given() | {
             "start": start_time,
