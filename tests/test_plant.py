@@ -104,24 +104,3 @@ def test_the_transfer_function_is_the_difference_equation(instance, ts):
     several = drive(instance("Pendulum", start), inputs[::10], [10 * ts] * 60)
     single = drive(instance("Pendulum", start), np.repeat(inputs[::10], 10), [ts] * 600)
     np.testing.assert_allclose(several, single[9::10], rtol=1e-12)
-
-
-@pytest.mark.parametrize("model", ["linear", "nonlinear"])
-def test_directional_derivatives_are_those_at_the_communication_point(instance, model):
-    plant = pendulum(instance, dynamics=model)
-    drive(plant, [1.5], [0.25])
-    point = [*state(plant), 1.5]
-
-    def slope(y: np.ndarray) -> np.ndarray:
-        A, B = reference.linear_model()
-        return A @ y[:4] + B * y[4] if model == "linear" else reference.derivatives(y[:4], y[4])
-
-    knowns = [*STATE, "u"]
-    unknowns = [*(f"der({name})" for name in STATE), *STATE]
-    for k, (known, unit) in enumerate(zip(knowns, np.eye(5), strict=True)):
-        rates = (slope(point + 1e-5 * unit) - slope(point - 1e-5 * unit)) / 2e-5
-        of, by = (
-            [plant.variable(name).valueReference for name in some] for some in (unknowns, [known])
-        )
-        found = plant.slave.getDirectionalDerivative(of, by, [1.0])
-        np.testing.assert_allclose(found, [*rates, *np.eye(5)[k, :4]], rtol=1e-8, atol=1e-8)

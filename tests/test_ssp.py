@@ -301,17 +301,6 @@ def test_parallel_order_delays_like_the_terms_of_the_previous_sample(fmus, tmp_p
     assert np.max(np.abs(np.diff(ringing["controller.u"][3000:]))) > 1
 
 
-def test_a_variant_equals_the_base_with_the_enumeration_set(ssp_columns, tmp_path):
-    text = (SYSTEMS / "supervised.toml").read_text()
-    text = text.replace("variants/SupervisedIpidRbf", "fmu/IpidRbf").replace("../..", str(ROOT))
-    head, tail = text.rsplit("previous_sample_terms = false", 1)
-    system = tmp_path / "enumeration.toml"
-    system.write_text(f'{head}previous_sample_terms = false, "rbf.target" = "supervisor"{tail}')
-    expected = simulate(system, tmp_path, "--stop", 6)
-    for name, column in ssp_columns["supervised"].items():
-        np.testing.assert_array_equal(column[:6001], expected[name])
-
-
 def test_the_same_system_gives_the_same_bytes(packages, tmp_path):
     first = (packages / "supervised.ssp").read_bytes()
     written = run("ssp", SYSTEMS / "supervised.toml", "--out", tmp_path / "new/folder")
