@@ -25,12 +25,17 @@ SECONDS = 300
 """Time limit of one run on a busy machine [s]."""
 
 
-def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run the program, which must neither panic nor be killed, whatever its exit code."""
-    if not PROGRAM.exists():
-        pytest.fail(f"{PROGRAM} is missing: `make fmus` builds it", pytrace=False)
-    command = [PROGRAM, *map(str, arguments)]
-    result = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=SECONDS)
+def run(
+    *arguments: object, program: Path = PROGRAM, **options: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run the program, which must neither panic nor be killed, whatever its exit code.
+
+    `options` are those of `subprocess.run`.
+    """
+    if not program.exists():
+        pytest.fail(f"{program} is missing: `make fmus sandbox` builds it", pytrace=False)
+    options = {"capture_output": True, "encoding": "utf-8", "timeout": SECONDS} | options
+    result = subprocess.run([program, *map(str, arguments)], check=False, **options)
     assert "panicked" not in result.stderr, result.stderr
     assert result.returncode in (0, 1, 2), result
     return result
@@ -138,7 +143,8 @@ def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
     """Return the binary of a source in tests/c."""
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     library = folder / "library.so"
-    options = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", *(f"-D{d}" for d in definitions)]
+    options = ["-shared", "-fPIC", "-pthread", "-O1", "-Wall", "-Wextra", "-Werror"]
+    options += [f"-D{definition}" for definition in definitions]
     command = [compiler, *options, "-o", library, SOURCES / source, "-lm"]
     subprocess.run(command, check=True)
     return library.read_bytes()

@@ -3,19 +3,16 @@
 import json
 import os
 import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from pendulum_fmus.project import ROOT
-from test_validate import Fmu, cargo_fmu, check, findings, read, write
+from native import SOURCES, compiled, pack
+from test_validate import cargo_fmu, check, findings, read, write
 
 pytestmark = pytest.mark.usefixtures("program")
 
-SOURCES = ROOT / "tests" / "c"
 DESCRIPTION = (SOURCES / "conformance.xml").read_text()
 
 CS = "CoSimulation"
@@ -39,48 +36,21 @@ ALL = "ALL_DEFECTS" in os.environ
 """Whether to test all defects, as `make conformance` does, instead of a few."""
 
 
-def describe(kind: str) -> bytes:
+def describe(kind: str) -> str:
     """Return the model description of an FMU for one kind of simulation or for both."""
     other = {CS: ME, ME: CS}.get(kind)
-    text = re.sub(rf"  <{other}.*?/>\n", "", DESCRIPTION, flags=re.S) if other else DESCRIPTION
-    return text.encode()
-
-
-@pytest.fixture(scope="session")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], bytes]:
-    """Return a function that compiles the FMU with a defect, once per session."""
-    compiler = shutil.which("cc") or pytest.skip("no C compiler")
-    folder = tmp_path_factory.mktemp("conformance")
-
-    def compiled(defect: str) -> bytes:
-        file = folder / f"{defect}.so"
-        if not file.exists():
-            define = [f"-DDEFECT={defect}"]
-            if defect == "MISSING_FUNCTION":
-                define.append("-DWITHOUT_CANCEL_STEP")
-            subprocess.run(
-                [compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Werror", "-pthread",
-                 "-fvisibility=hidden", *define, "-o", file, SOURCES / "conformance.c", "-lm"],
-                check=True,
-            )  # fmt: skip
-        return file.read_bytes()
-
-    return compiled
+    return re.sub(rf"  <{other}.*?/>\n", "", DESCRIPTION, flags=re.S) if other else DESCRIPTION
 
 
 @pytest.fixture
-def conformance(
-    library: Callable[[str], bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Path]:
+def conformance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
     """Return a function that packs the FMU with a defect, which may write to the working folder."""
     monkeypatch.chdir(tmp_path)
 
     def make(defect: str = "NO_DEFECT", kind: str = BOTH) -> Path:
-        content: Fmu = {
-            "modelDescription.xml": describe(kind),
-            "binaries/linux64/Conformance.so": library(defect),
-        }
-        return write(tmp_path / "Conformance.fmu", content)
+        define = [f"DEFECT={defect}", *["WITHOUT_CANCEL_STEP"] * (defect == "MISSING_FUNCTION")]
+        binary = compiled(tmp_path, *define, source="conformance.c")
+        return pack(tmp_path / "Conformance.fmu", describe(kind), binary)
 
     return make
 

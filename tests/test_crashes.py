@@ -308,15 +308,13 @@ def test_the_first_failed_write_ends_a_run(folder):
 
 def limited(folder: Path, size: int, *options: str) -> subprocess.CompletedProcess[str]:
     """Simulate where no file can be larger, as on a full disk."""
-    return subprocess.run(
-        [PROGRAM, "simulate", "system.toml", *options],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
-        restore_signals=False,  # writing fails instead of ending the process
-    )
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    # With the signals of Python, writing fails instead of ending the process.
+    as_python = {"preexec_fn": limit, "restore_signals": False}
+    return run("simulate", "system.toml", *options, cwd=folder, **as_python)
 
 
 @pytest.mark.parametrize("file", ["out.csv", "out.parquet"])

@@ -241,20 +241,6 @@ def interfaces(system: Path, **interfaces: str) -> Path:
     return system
 
 
-@pytest.mark.parametrize("version", ["", "_fmi3"])
-def test_the_plant_by_model_exchange_equals_cvode(version, tmp_path):
-    fmu, start = FMUS / f"Pendulum{version}.fmu", {"theta0": 0.1, "dynamics": 3}  # nonlinear
-    sets = (f"--set={name}={value}" for name, value in start.items())
-    options = ("--interface=model-exchange", "--tolerance=1e-10", "--stop=1", *sets)
-    ours = simulate(fmu, tmp_path, *options)
-    cvode = fmpy.simulate_fmu(
-        fmu, fmi_type="ModelExchange", start_values=start, stop_time=1.0, output_interval=1e-3,
-        relative_tolerance=1e-11, record_events=False,
-    )  # fmt: skip
-    for name in ("theta", "omega", "x", "v"):
-        assert ours[name] == pytest.approx(cvode[name], abs=1e-6)
-
-
 def test_what_has_no_equations_is_refused(tmp_path):
     options = ("--interface=model-exchange", "--set=dynamics=transfer_function")
     message = refusal(tmp_path, "simulate", FMUS / "Pendulum.fmu", *options)

@@ -6,7 +6,6 @@ The tests of the program need the feature `sandbox`: `make sandbox`.
 import os
 import re
 import shutil
-import subprocess
 import zipfile
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import wasmtime.component
 from fmpy import read_model_description
 from lxml import etree
 
-from native import LOOPS, SECONDS, new_package
+from native import LOOPS, new_package, run
 from pendulum_fmus.project import ROOT
 
 WASM = ROOT / "target" / "wasm"
@@ -85,10 +84,7 @@ class Fmu:
 def program(*arguments: object, cache: Path = CACHE) -> tuple[int, str, str]:
     """Run the program with the feature `sandbox`; return its exit code and what it prints."""
     file = ROOT / "target" / "sandbox" / "cargo-fmu"
-    if not file.exists():
-        pytest.fail(f"{file} is missing: `make sandbox` builds it", pytrace=False)
-    command, given = [file, *map(str, arguments)], os.environ | {"XDG_CACHE_HOME": str(cache)}
-    done = subprocess.run(command, env=given, capture_output=True, text=True, timeout=SECONDS)
+    done = run(*arguments, program=file, env=os.environ | {"XDG_CACHE_HOME": str(cache)})
     return done.returncode, done.stdout, done.stderr
 
 
@@ -125,44 +121,6 @@ def test_an_fmu_has_a_component_and_the_manifest_of_the_draft(components):
         assert len(binary(path)) <= 200_000
         has_exchange = read_model_description(path).modelExchange is not None
         assert (b"model-exchange-instance" in binary(path)) == has_exchange
-
-
-def test_a_loop_has_the_bits_of_the_native_fmus(components, fmus):
-    """1000 steps of 1 ms: the page runs more of them."""
-    controller = Fmu(components / "IpidRbf_fmi3.fmu").initialize()
-    plant = Fmu(components / "Pendulum_fmi3.fmu").initialize()
-    native = [fmpy.extract(fmus / name) for name in ("IpidRbf_fmi3.fmu", "Pendulum_fmi3.fmu")]
-    try:
-        u, v = (fmpy.instantiate_fmu(d, read_model_description(d), "CoSimulation") for d in native)
-        for fmu in (u, v):
-            fmu.enterInitializationMode()
-            fmu.exitInitializationMode()
-        (y, force), (theta, push) = (
-            [fmu.references[name] for name in names]
-            for fmu, names in ((controller, ("y", "u")), (plant, ("theta", "u")))
-        )
-        setpoint = controller.references["r"]
-        u.setFloat64([setpoint], [0.1])
-        controller.method("set-float64", [setpoint], [0.1])
-        for k in range(1000):
-            t, h = k * 1e-3, 1e-3
-            measured = v.getFloat64([theta])
-            assert plant.method("get-float64", [theta]) == measured
-            u.setFloat64([y], measured)
-            controller.method("set-float64", [y], measured)
-            u.doStep(t, h)
-            stepped = controller.method("do-step", t, h, True)
-            assert vars(stepped)["last-successful-time"] == t + h
-            computed = u.getFloat64([force])
-            assert controller.method("get-float64", [force]) == computed
-            v.setFloat64([push], computed)
-            plant.method("set-float64", [push], computed)
-            v.doStep(t, h)
-            plant.method("do-step", t, h, True)
-        assert plant.get("theta") != 0.0
-    finally:
-        for folder in native:
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def test_states_arrays_and_errors_pass(components):
@@ -283,9 +241,9 @@ def test_a_trap_is_reported_with_function_time_and_reason(u, reason, panicking):
 
 @pytest.mark.sandbox
 def test_compiled_code_is_kept_and_damage_to_it_is_repaired(panicking, tmp_path):
-    run = ["simulate", panicking, "--sandbox", "--set", "text=θ", "--output", "echo"]
+    command = ["simulate", panicking, "--sandbox", "--set", "text=θ", "--output", "echo"]
     for _ in range(2):
-        code, said, problems = program(*run, cache=tmp_path)
+        code, said, problems = program(*command, cache=tmp_path)
         assert code == 0, problems
         assert "θ" in said
         sizes = {file: file.stat().st_size for file in (tmp_path / "cargo-fmu").iterdir()}
