@@ -17,9 +17,10 @@
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-use fmu_description::value::{boolean, is_date_time, items, real};
+use fmu_description::value::{boolean, items, real};
 use fmu_description::xml::Element;
 use fmu_file::text::quote;
+use toml::value::Datetime;
 
 use crate::finding::{Findings, Location, find, require};
 use crate::rule::rule;
@@ -267,7 +268,7 @@ fn unfit(text: &str, form: &str) -> Option<String> {
         "string" => (true, ""),
         "double" => (real(text).is_some(), "a number"),
         "boolean" => (boolean(text).is_some(), "true, false, 1 or 0"),
-        "dateTime" => (is_date_time(text), "a date and time such as 2026-01-31T12:00:00Z"),
+        "dateTime" => (is_date_time(trimmed), "a date and time such as 2026-01-31T12:00:00Z"),
         "hexBinary" => {
             (trimmed.len().is_multiple_of(2) && is_hex(trimmed), "pairs of hexadecimal digits")
         }
@@ -286,6 +287,14 @@ fn unfit(text: &str, form: &str) -> Option<String> {
         }
     };
     (!fits).then(|| expected.into())
+}
+
+/// Whether a text is an `xs:dateTime`, which may be without a time zone. TOML also has dates and times alone.
+fn is_date_time(text: &str) -> bool {
+    let has_all = |found: Datetime| {
+        found.date.is_some() && found.time.is_some_and(|time| time.second.is_some())
+    };
+    text.contains('T') && text.parse().is_ok_and(has_all)
 }
 
 /// `3[.](0|[1-9][0-9]*)([.](0|[1-9][0-9]*))?(-.+)?`
@@ -321,6 +330,11 @@ mod tests {
             ("hexBinary", "", "0"),
             ("hexBinary", "0aFf", "0x"),
             ("a|b", "b", "a|b"),
+            ("dateTime", " 2026-01-31T12:00:00Z", "today"),
+            ("dateTime", "2026-01-31T12:00:00", "2026-01-31"),
+            ("dateTime", "2026-01-31T12:00:00.25Z", "2026-01-31T12:00Z"),
+            ("dateTime", "2026-01-31T12:00:00+01:00", "2026-01-31 12:00:00Z"),
+            ("dateTime", "2026-01-31T12:00:00-11:30", "2026-13-01T12:00:00Z"),
         ] {
             assert_eq!(unfit(good, form), None, "{form} {good:?}");
             assert!(unfit(bad, form).is_some(), "{form} {bad:?}");
