@@ -83,30 +83,27 @@ fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
 pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element<'static> {
     let Writer { model, variables, .. } = writer;
     let event_indicators = variables.iter().filter(|v| v.is_event_indicator());
-    let exchange = Element::new("ModelExchange")
-        .with("modelIdentifier", &model.name)
-        .with("needsExecutionTool", false)
-        .with("completedIntegratorStepNotNeeded", true)
-        .with("canBeInstantiatedOnlyOncePerProcess", false)
-        .with("canNotUseMemoryManagementFunctions", true)
-        .with("canGetAndSetFMUstate", !writer.model.is_unsaved)
-        .with("canSerializeFMUstate", !writer.model.is_unsaved)
-        .with("providesDirectionalDerivative", model.has_all_derivatives());
+    let interface = |name| {
+        let identified = Element::new(name).with("modelIdentifier", &model.name);
+        identified.with("needsExecutionTool", false)
+    };
+    let common = |interface: Element<'static>| {
+        interface
+            .with("canBeInstantiatedOnlyOncePerProcess", false)
+            .with("canNotUseMemoryManagementFunctions", true)
+            .with("canGetAndSetFMUstate", !model.is_unsaved)
+            .with("canSerializeFMUstate", !model.is_unsaved)
+            .with("providesDirectionalDerivative", model.has_all_derivatives())
+    };
+    let exchange = interface("ModelExchange").with("completedIntegratorStepNotNeeded", true);
     let interpolates = model.variables.iter().any(|v| v.exported.has_input_derivative);
-    let co_simulation = Element::new("CoSimulation")
-        .with("modelIdentifier", &model.name)
-        .with("needsExecutionTool", false)
+    let co_simulation = interface("CoSimulation")
         .with("canHandleVariableCommunicationStepSize", true)
         .with("canInterpolateInputs", interpolates)
         .with("maxOutputDerivativeOrder", model.max_output_derivative_order())
-        .with("canRunAsynchronuously", false)
-        .with("canBeInstantiatedOnlyOncePerProcess", false)
-        .with("canNotUseMemoryManagementFunctions", true)
-        .with("canGetAndSetFMUstate", !writer.model.is_unsaved)
-        .with("canSerializeFMUstate", !writer.model.is_unsaved)
-        .with("providesDirectionalDerivative", model.has_all_derivatives());
+        .with("canRunAsynchronuously", false);
     let is_for_exchange = model.is_for_model_exchange();
     root.with_some("numberOfEventIndicators", is_for_exchange.then(|| event_indicators.count()))
-        .holding_all(is_for_exchange.then_some(exchange))
-        .holding(co_simulation)
+        .holding_all(is_for_exchange.then(|| common(exchange)))
+        .holding(common(co_simulation))
 }

@@ -6,6 +6,7 @@ mod parse;
 use std::borrow::Cow;
 
 use anyhow::{Result, ensure};
+use quick_xml::escape::partial_escape;
 
 use crate::value;
 
@@ -145,18 +146,9 @@ fn write_value(xml: &mut String, text: &str) -> Result<()> {
         "{} has a character that is not allowed in XML",
         quote(text)
     );
-    for c in text.chars() {
-        match c {
-            '&' => *xml += "&amp;",
-            '<' => *xml += "&lt;",
-            '>' => *xml += "&gt;",
-            '"' => *xml += "&quot;",
-            '\t' => *xml += "&#9;",
-            '\n' => *xml += "&#10;",
-            '\r' => *xml += "&#13;",
-            c => xml.push(c),
-        }
-    }
+    let others = [("\"", "&quot;"), ("\t", "&#9;"), ("\n", "&#10;"), ("\r", "&#13;")];
+    let escaped = partial_escape(text).into_owned();
+    *xml += &others.iter().fold(escaped, |text, (from, to)| text.replace(from, to));
     Ok(())
 }
 
