@@ -30,7 +30,7 @@ pub unsafe trait Variables: Sized {
     /// The struct with default values in all fields; start values are not set.
     fn unset() -> Self;
 
-    /// Whether all Real outputs are finite. Sums of some must be, too, so false is to be confirmed.
+    /// Whether all Real outputs are finite, of arrays the elements in use.
     fn has_finite_outputs(&self) -> bool;
 
     /// The time derivative of an input, if the host may set it.
@@ -231,27 +231,20 @@ pub mod derive {
         &array[..size.min(N as u64) as usize]
     }
 
-    /// Whether a number is finite, in fewer instructions than `f64::is_finite`.
+    /// Whether a number is finite: its exponent, without the sign before it, is not the largest. Compared as a
+    /// whole number, since the result of a comparison of floating-point numbers is known later.
     #[inline(always)]
-    #[expect(clippy::eq_op, reason = "infinity minus infinity is NaN")]
-    pub fn is_finite(number: f64) -> bool {
-        !(number - number).is_nan()
+    pub fn is_finite<T: Copy + Into<f64>>(number: &T) -> bool {
+        (*number).into().to_bits() << 1 < f64::INFINITY.to_bits() << 1
     }
 
-    /// Whether numbers are finite, by four sums whose additions do not wait for each other.
+    /// Whether all numbers are finite; of few, as networks have, without the cost of a loop.
     #[inline(always)]
-    pub fn are_finite<T: Copy + Into<f64>>(values: &[T]) -> bool {
-        if let Ok(&[a, b, c, d]) = <&[T; 4]>::try_from(values) {
-            // Without the cost of loops.
-            return is_finite(a.into() + c.into()) & is_finite(b.into() + d.into());
+    pub fn are_finite<T: Copy + Into<f64>>(numbers: &[T]) -> bool {
+        match <&[T; 4]>::try_from(numbers) {
+            Ok(few) => few.iter().all(is_finite),
+            Err(_) => numbers.iter().all(is_finite),
         }
-        let mut sums = [-0.0; 4]; // the neutral element of addition
-        let (blocks, rest) = values.as_chunks::<4>();
-        for block in blocks {
-            sums.iter_mut().zip(block).for_each(|(sum, value)| *sum += (*value).into());
-        }
-        sums.iter_mut().zip(rest).for_each(|(sum, value)| *sum += (*value).into());
-        is_finite(sums[0] + sums[2]) & is_finite(sums[1] + sums[3])
     }
 
     /// The number of the first scalar of a row.

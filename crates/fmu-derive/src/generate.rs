@@ -208,37 +208,28 @@ impl Field {
         quote!(#(#arms)*)
     }
 
-    /// A Real output that is no array, as `f64`.
-    pub fn scalar_output(&self) -> Option<TokenStream> {
-        let ident = &self.ident;
-        (self.is_real_output() && self.dimensions().is_empty())
-            .then(|| quote!(::core::primitive::f64::from(self.#ident)))
-    }
-
-    /// Whether the Real outputs are finite in an array, of which the elements in use count, or in nested structs.
+    /// The condition of `has_finite_outputs` on the field; of an array, it is about the elements in use.
     pub fn has_finite_outputs(&self, others: &[Self]) -> Option<TokenStream> {
         let (ident, krate) = (&self.ident, &self.krate);
         if let Some(has) = self.nested(&quote!(has_finite_outputs)) {
             let places = self.places().into_iter().map(|(place, _)| place);
             return Some(quote!(true #(&& #has(&#places))*));
         }
-        let dimensions = self.dimensions().len();
-        if !self.is_real_output() || dimensions == 0 {
+        if self.role != Role::Output || !self.of_type.is_float() {
             return None;
         }
-        Some(match others.iter().find(|parameter| parameter.is_size_of(self)) {
-            Some(Self { ident: size, .. }) => {
+        let dimensions = self.dimensions().len();
+        let size = others.iter().find(|parameter| parameter.is_size_of(self));
+        Some(match (dimensions, size.map(|size| &size.ident)) {
+            (0, _) => quote!(#krate::is_finite(&self.#ident)),
+            (_, Some(size)) => {
                 quote!(#krate::are_finite(#krate::in_use(&self.#ident, self.#size)))
             }
-            None => {
+            _ => {
                 let flatten = (1..dimensions).map(|_| quote!(.as_flattened()));
                 quote!(#krate::are_finite(&self.#ident #(#flatten)*))
             }
         })
-    }
-
-    fn is_real_output(&self) -> bool {
-        self.role == Role::Output && self.of_type.is_float()
     }
 
     /// The default value. `Default` and `Deserialize` end at 32 elements.

@@ -521,8 +521,7 @@ impl dyn AnyModel {
         states
     }
 
-    /// The error that names the first output that is not finite. There may be none, since a sum of
-    /// finite numbers may overflow.
+    /// The error that names the first output that is not finite, if there is one.
     #[cold]
     #[inline(never)]
     fn find_not_finite(&mut self) -> Result<(), ModelError> {

@@ -16,7 +16,6 @@ use fmu_description::{Loader, Saver, Variability};
 
 use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
-use crate::instance::put;
 use crate::lifecycle::{Integration, Lifecycle, Mode};
 use crate::log::{self, Category, Log};
 use crate::model::{Kind, ModelError, Start, ensure, refused};
@@ -114,8 +113,8 @@ pub(crate) struct Hot {
     #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
     pub(crate) set_variables:
         unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Outcome,
-    /// Takes a step, and writes to the last pointer, unless it is NULL, where the step ended.
-    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, *mut f64) -> Outcome,
+    /// Takes a step, and returns where it ended if the host wants to know.
+    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, Option<&mut f64>) -> Outcome,
     pub(crate) component: unsafe fn(Pointer) -> *mut Component,
     pub(crate) free: unsafe fn(Pointer),
 }
@@ -536,18 +535,14 @@ impl Component {
         (outcome != Outcome::Ok || step == 0.0).then_some(outcome)
     }
 
-    /// Takes any step, and writes where it ended.
-    ///
-    /// # Safety
-    /// `end` is NULL or writable.
-    #[cold]
-    #[inline(never)]
-    pub(crate) unsafe fn step(&mut self, time: f64, step: f64, end: *mut f64) -> Outcome {
+    /// Takes any step, and returns where it ended if the host wants to know.
+    pub(crate) fn step(&mut self, time: f64, step: f64, end: Option<&mut f64>) -> Outcome {
         if !self.shared.lifecycle.is_next_step(time, step)
             && let Some(outcome) = self.refuse_step(time, step)
         {
-            // SAFETY: the caller's promise.
-            unsafe { put(end, self.shared.lifecycle.now()) };
+            if let Some(end) = end {
+                *end = self.shared.lifecycle.now();
+            }
             return outcome;
         }
         let taken = catch_unwind(AssertUnwindSafe(|| {
@@ -561,22 +556,18 @@ impl Component {
             }
             Ok(())
         }));
-        // SAFETY: the caller's promise.
-        unsafe { self.end_step(taken, time, step, end) }
+        self.end_step(taken, time, step, end)
     }
 
     /// Ends a step that the model took. It failed if the model says so or panicked, or if an output is not finite.
-    ///
-    /// # Safety
-    /// As [`step`](Self::step).
     #[cold]
     #[inline(never)]
-    pub(crate) unsafe fn end_step(
+    pub(crate) fn end_step(
         &mut self,
         taken: std::thread::Result<Result<(), ModelError>>,
         time: f64,
         step: f64,
-        end: *mut f64,
+        end: Option<&mut f64>,
     ) -> Outcome {
         let call = &self.shared.settings.edge.do_step;
         let outcome = match taken.map(|taken| taken.and_then(|()| self.model.check_outputs())) {
@@ -587,8 +578,9 @@ impl Component {
             Ok(Err(error)) => self.fail(call, error.in_step(time, step)),
             Err(panic) => self.fail_by_panic(call, panic),
         };
-        // SAFETY: the caller's promise.
-        unsafe { put(end, self.shared.lifecycle.now()) };
+        if let Some(end) = end {
+            *end = self.shared.lifecycle.now();
+        }
         outcome
     }
 

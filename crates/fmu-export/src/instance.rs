@@ -42,18 +42,6 @@ pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a m
     }
 }
 
-/// Writes a result that the host may not want.
-///
-/// # Safety
-/// The pointer is NULL or writable.
-#[inline(always)]
-pub(crate) unsafe fn put<T>(pointer: *mut T, value: T) {
-    if !pointer.is_null() {
-        // SAFETY: not NULL, and writable by the caller's promise.
-        unsafe { pointer.write(value) };
-    }
-}
-
 /// The part of an instance that does not depend on the model; `None` for NULL.
 ///
 /// # Safety
@@ -192,30 +180,53 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         set_arrays(n, *const f64, n_values) = set_arrays(from_raw_parts n_values), else set_float64;
     }
 
-    /// Takes a step, quickly if it is a plain one. Nothing but such a step is in this function, so that it needs
-    /// no memory for anything else.
+    /// Takes a step, quickly if it is a plain one.
     ///
     /// # Safety
     /// As for all functions of [`Hot`].
-    unsafe extern "C" fn step(instance: Pointer, time: f64, step: f64, end: *mut f64) -> Outcome {
+    unsafe extern "C" fn step(
+        instance: Pointer,
+        time: f64,
+        step: f64,
+        end: Option<&mut f64>,
+    ) -> Outcome {
+        // SAFETY: the caller's promise.
+        unsafe {
+            match Self::of(instance).is_plain_step(time, step) {
+                true => Self::plain_step(instance, time, step, end),
+                false => any_step(instance, time, step, end),
+            }
+        }
+    }
+
+    /// The rest of [`step`](Self::step), which needs no registers to be saved for a call of the model.
+    ///
+    /// # Safety
+    /// As for all functions of [`Hot`].
+    #[inline(never)]
+    unsafe extern "C" fn plain_step(
+        instance: Pointer,
+        time: f64,
+        step: f64,
+        end: Option<&mut f64>,
+    ) -> Outcome {
         // SAFETY: the caller's promise.
         let c = unsafe { Self::of(instance) };
-        if !c.is_plain_step(time, step) {
-            // SAFETY: the caller's promise.
-            return unsafe { (c as &mut Component).step(time, step, end) };
-        }
-        let instance = &mut *c;
-        match catch_unwind(AssertUnwindSafe(move || instance.take_plain_step(time, step))) {
+        let take = {
+            let c = &mut *c;
+            move || c.take_plain_step(time, step)
+        };
+        match catch_unwind(AssertUnwindSafe(take)) {
             Ok(Ok(())) if c.model.model.has_finite_outputs() => {
                 c.shared.lifecycle.time = time + step;
-                // SAFETY: the caller's promise.
-                unsafe { put(end, time + step) };
+                if let Some(end) = end {
+                    *end = time + step;
+                }
                 Outcome::Ok
             }
-            // SAFETY: the caller's promise.
-            Ok(taken) => unsafe { (c as &mut Component).end_step(Ok(taken), time, step, end) },
-            // SAFETY: the caller's promise.
-            Err(panic) => unsafe { (c as &mut Component).end_step(Err(panic), time, step, end) },
+            // One arm for both would keep the result in memory in every step.
+            Ok(taken) => (c as &mut Component).end_step(Ok(taken), time, step, end),
+            Err(panic) => (c as &mut Component).end_step(Err(panic), time, step, end),
         }
     }
 
@@ -274,4 +285,21 @@ macro_rules! thorough_access {
 thorough_access! {
     get_float64(*mut f64 as slice_mut);
     set_float64(*const f64 as slice);
+}
+
+/// Takes a step in the cases that are not fast.
+///
+/// # Safety
+/// As for all functions of [`Hot`].
+#[cold]
+#[inline(never)]
+unsafe extern "C" fn any_step(
+    instance: Pointer,
+    time: f64,
+    step: f64,
+    end: Option<&mut f64>,
+) -> Outcome {
+    // SAFETY: the caller's promise.
+    let c = unsafe { component(instance) };
+    c.map_or(Outcome::Error, |c| c.step(time, step, end))
 }

@@ -186,7 +186,7 @@ impl<M: Drive> Driver<M> {
         let (time, step) = (self.time(), self.component.shared.hot.step);
         let instance: Pointer = (&raw mut *self.component).cast();
         // SAFETY: the function belongs to the instance, which is borrowed for the call.
-        let outcome = unsafe { step(instance, time, size, std::ptr::null_mut()) };
+        let outcome = unsafe { step(instance, time, size, None) };
         self.result(outcome)?;
         self.count += 1.0;
         Ok(())

@@ -115,7 +115,7 @@ hot! { fmi2Component fmi2Status
     fmi2GetReal(references: *const u32, n: usize, values: *mut f64) = get_elements;
     fmi2SetReal(references: *const u32, n: usize, values: *const f64) = set_elements;
     fmi2DoStep(time: f64, step: f64) = step
-        with std::ptr::null_mut(), but not of _no_set_state: fmi2Boolean;
+        with None, but not of _no_set_state: fmi2Boolean;
 }
 
 /// The operations whose arguments differ between the versions.

@@ -25,7 +25,7 @@ use super::{c_text, instantiate, text};
 use crate::bound::Numbers;
 use crate::component::{Component, Edge, IntermediateUpdate, Outcome, Settings};
 use crate::entry::Entry;
-use crate::instance::{NULL_ARRAY, component, free, put, shared, slice, slice_mut};
+use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
 use crate::lifecycle::Mode;
 use crate::log::{Category, Log, Sink};
 use crate::model::ModelError;
@@ -213,11 +213,21 @@ pub unsafe extern "C" fn fmi3DoStep(
                     (event_handling_needed, early_return, last_successful_time);
                 step_in_parts(instance, time, step, event, early, last)
             }
-            Some(shared) => (shared.hot.step)(instance, time, step, last_successful_time),
+            Some(shared) => (shared.hot.step)(instance, time, step, last_successful_time.as_mut()),
             None => Outcome::Error,
         }
     };
     fmi3Status(outcome as c_int)
+}
+
+/// # Safety
+/// The pointer is NULL or writable.
+#[inline(always)]
+unsafe fn put<T>(pointer: *mut T, value: T) {
+    if !pointer.is_null() {
+        // SAFETY: not NULL, and writable by the caller's promise.
+        unsafe { pointer.write(value) };
+    }
 }
 
 /// A step that the host sees into.
