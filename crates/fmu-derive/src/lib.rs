@@ -11,50 +11,29 @@ mod model;
 use proc_macro::TokenStream;
 use syn::{DeriveInput, Error, parse_macro_input};
 
-#[doc = include_str!("model.md")]
-#[proc_macro_derive(
-    Model,
-    attributes(
-        model,
-        variables,
-        input,
-        output,
-        parameter,
-        structural_parameter,
-        local,
-        constant,
-        derivative,
-        event_indicator,
-        nested,
-        log,
-        unsaved
-    )
-)]
-pub fn model(input: TokenStream) -> TokenStream {
-    expand(parse_macro_input!(input), model::expand, model::stub)
+/// Defines the derive macro of a struct, with the attributes of structs that it takes; those of fields are the same for
+/// all.
+macro_rules! derive_of_struct {
+    ($name:ident as $function:ident($($attribute:ident),+) in $page:literal: $expand:path, $stub:path) => {
+        #[doc = include_str!($page)]
+        #[proc_macro_derive(
+            $name,
+            attributes(
+                $($attribute,)+
+                input, output, parameter, structural_parameter, local, constant, derivative,
+                event_indicator, nested, log, unsaved
+            )
+        )]
+        pub fn $function(input: TokenStream) -> TokenStream {
+            expand(parse_macro_input!(input), $expand, $stub)
+        }
+    };
 }
 
-#[doc = include_str!("variables.md")]
-#[proc_macro_derive(
-    Variables,
-    attributes(
-        variables,
-        input,
-        output,
-        parameter,
-        structural_parameter,
-        local,
-        constant,
-        derivative,
-        event_indicator,
-        nested,
-        log,
-        unsaved
-    )
-)]
-pub fn variables(input: TokenStream) -> TokenStream {
-    expand(parse_macro_input!(input), model::expand_variables, model::stub_variables)
-}
+derive_of_struct!(Model as model(model, variables) in "model.md": model::expand, model::stub);
+derive_of_struct!(
+    Variables as variables(variables) in "variables.md": model::expand_variables, model::stub_variables
+);
 
 #[doc = include_str!("choice.md")]
 #[proc_macro_derive(Choice, attributes(choice))]
