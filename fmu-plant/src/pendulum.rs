@@ -166,11 +166,18 @@ impl Pendulum {
                 }
             }
             Selected::Linear(plant) => plant.advance(&mut state, u, step),
-            Selected::Nonlinear => {
-                nonlinear::advance(&self.parameters, &mut state, u, step)
-                    .map_err(|failure| self.too_fast(failure))?;
-            }
+            Selected::Nonlinear => return self.integrate(u, step),
         }
+        self.set_state(state);
+        Ok(())
+    }
+
+    /// Not inlined, so that the steps of the other models need no memory for it.
+    #[inline(never)]
+    fn integrate(&mut self, u: Force, step: f64) -> Result<(), ModelError> {
+        let mut state = self.state();
+        nonlinear::advance(&self.parameters, &mut state, u, step)
+            .map_err(|failure| self.too_fast(failure))?;
         self.set_state(state);
         Ok(())
     }
