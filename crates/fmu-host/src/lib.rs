@@ -32,6 +32,6 @@ pub use instance::{
 pub use library::{Kind, Library, LoadError};
 pub use logger::{Intermediate, Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
-pub use quick::Unusual;
+pub use quick::{Listed, Unusual};
 pub use resources::{resource_path, uri};
 pub use shared_memory::{Origin, SharedMemory};

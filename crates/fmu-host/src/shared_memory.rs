@@ -40,7 +40,7 @@ impl SharedMemory {
 
     /// Ordinary memory of this process.
     pub fn private(words: usize) -> Self {
-        let own: Vec<_> = (0..words).map(|_| AtomicU64::new(0)).collect();
+        let own: Vec<_> = (0..words.max(1)).map(|_| AtomicU64::new(0)).collect();
         Self { words: NonNull::from(own.as_slice()), _owner: Arc::new(own) }
     }
 
@@ -58,7 +58,8 @@ impl SharedMemory {
         let length = words * size_of::<AtomicU64>();
         let map = MmapOptions::new().len(length).map_raw(file)?;
         let first = NonNull::new(map.as_mut_ptr().cast::<AtomicU64>());
-        let first = first.ok_or_else(|| io::Error::other("it has no address"))?;
+        let first = first.filter(|_| words > 0);
+        let first = first.ok_or_else(|| io::Error::other("it has no words"))?;
         Ok(Self { words: NonNull::slice_from_raw_parts(first, words), _owner: Arc::new(map) })
     }
 
@@ -69,6 +70,13 @@ impl SharedMemory {
         // aligned to a page and at least this long; all processes write atomic words, and every value
         // is a valid word.
         unsafe { self.words.as_ref() }
+    }
+
+    /// The first word, which there always is.
+    #[inline]
+    pub fn first(&self) -> &AtomicU64 {
+        // SAFETY: as above; all constructors make at least one word.
+        unsafe { self.words.cast().as_ref() }
     }
 }
 

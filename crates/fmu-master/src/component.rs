@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::{Causality, Value};
-use fmu_host::{Cause, Instance, Kind, Status, Success, operation};
+use fmu_host::{Cause, Instance, Kind, Listed, Status, Success, operation};
 use fmu_worker::{Calls, Function};
 
 use crate::exchange::{self, Calling, Exchange, Functions, Trouble};
@@ -30,6 +30,13 @@ pub(crate) struct Component<'a> {
     pub(crate) exchange: Option<Box<Exchange<'a>>>,
     functions: Functions,
     do_step: Option<Function>,
+    /// The Float64 inputs with their function, and whether their values are collected in `reals`.
+    set: Option<(Listed, Option<Function>)>,
+    collects: bool,
+    /// The Float64 outputs with their function, if their values need not be distributed, and all outputs if they
+    /// must, else the others.
+    get: Option<(Listed, Option<Function>)>,
+    distributed: &'a [Ports],
     ports: &'a [Ports],
     /// The values of its inputs of the type Float64, and of each other type; those of elements that are not
     /// connected stay.
@@ -50,7 +57,17 @@ impl<'a> Component<'a> {
         let Planned { name, fmu, .. } = planned;
         let mut inputs = ports.iter().map(|ports| initial(&ports.inputs, fmu, starts));
         let reals = inputs.next().unwrap_or_default();
+        let floats = ports.first();
+        let set = floats.and_then(|Ports { inputs, run, set, .. }| {
+            let collected = || (!inputs.references.is_empty()).then(|| inputs.listed(0));
+            Some((run.clone().or_else(collected)?, *set))
+        });
+        let get = floats.and_then(|ports| Some((ports.whole.clone()?, ports.get)));
         Ok(Self {
+            set,
+            collects: floats.is_some_and(|ports| ports.run.is_none()),
+            distributed: &ports[usize::from(get.is_some())..],
+            get,
             name: name.clone(),
             instance: fmu.instantiate(index, name, messages)?,
             messages: messages.clone(),
@@ -161,6 +178,9 @@ impl<'a> Component<'a> {
         if !PLAIN && let Some(mut exchange) = self.exchange.take() {
             let stepped = exchange.step(&mut self.calling(), time, step);
             self.exchange = Some(exchange);
+            if stepped.is_ok() {
+                self.calls.begin(None);
+            }
             return stepped
                 .map_err(|trouble| self.troubled(trouble, format!("step of {step:?} s")));
         }
@@ -243,19 +263,15 @@ impl<'a> Component<'a> {
     /// Reads its outputs, each once.
     #[inline(always)]
     pub(crate) fn read(&mut self, outputs: &mut Store) -> Called {
-        let mut ports = self.ports;
-        if let Some((reals, others)) = ports.split_first()
-            && let Some(first) = reals.whole
-        {
-            let values = &mut outputs.reals[first..][..reals.outputs.elements];
-            self.calls.begin(reals.get);
-            let unusual = self.instance.get_float64_quickly(&reals.outputs.references, values);
+        if let Some((listed, function)) = &self.get {
+            self.calls.go_on(*function);
+            let unusual = self.instance.get_float64_quickly(listed, &mut outputs.reals);
             if let Some(outcome) = unusual {
-                self.explain_reading(*outcome, &reals.outputs)?;
+                self.explain_reading(*outcome, &self.ports[0].outputs)?;
             }
-            ports = others;
         }
-        if ports.is_empty() { Ok(()) } else { self.read_others(ports, outputs) }
+        let rest = self.distributed;
+        if rest.is_empty() { Ok(()) } else { self.read_others(rest, outputs) }
     }
 
     #[inline(never)]
@@ -295,28 +311,28 @@ impl<'a> Component<'a> {
     /// Writes its inputs.
     #[inline(always)]
     pub(crate) fn write(&mut self, outputs: &Store) -> Called {
-        let Some((reals, others)) = self.ports.split_first() else { return Ok(()) };
-        let inputs = &reals.inputs;
-        if !inputs.references.is_empty() {
-            let values = match reals.run {
-                Some(first) => &outputs.reals[first..][..inputs.elements],
-                None => {
-                    for (position, source) in inputs.positions.iter().zip(&reals.sources) {
-                        let output = outputs.number(source.output);
-                        let scale = source.scale.map(|s| s.factor * output + s.offset);
-                        self.reals[*position] = scale.unwrap_or(output);
-                    }
-                    &self.reals
+        if let Some((listed, function)) = &self.set {
+            let mut values = &outputs.reals;
+            if self.collects {
+                let reals = &self.ports[0];
+                for (position, source) in reals.inputs.positions.iter().zip(&reals.sources) {
+                    let output = outputs.number(source.output);
+                    let scale = source.scale.map(|s| s.factor * output + s.offset);
+                    self.reals[*position] = scale.unwrap_or(output);
                 }
-            };
-            self.calls.begin(reals.set);
-            let unusual = self.instance.set_float64_quickly(&inputs.references, values);
-            if let Some(outcome) = unusual {
-                let values = Vec::from_iter(values.iter().map(|value| Value::Float64(*value)));
-                self.explain_writing(*outcome, inputs, &values)?;
+                values = &self.reals;
+            }
+            self.calls.go_on(*function);
+            if let Some(outcome) = self.instance.set_float64_quickly(listed, values) {
+                let values = values[listed.place()].iter().map(|value| Value::Float64(*value));
+                let values = Vec::from_iter(values);
+                self.explain_writing(*outcome, &self.ports[0].inputs, &values)?;
             }
         }
-        if others.is_empty() { Ok(()) } else { self.write_others(others, outputs) }
+        match self.ports {
+            [] | [_] => Ok(()),
+            [_, others @ ..] => self.write_others(others, outputs),
+        }
     }
 
     #[inline(never)]
@@ -434,6 +450,8 @@ pub(crate) fn propagate(
             }
         }
     }
+    // The same inputs are written again and again.
+    components[fed].calls.begin(None);
     components[fed].write(outputs)?;
     Ok(changed)
 }

@@ -10,7 +10,7 @@ use crate::fault::Line;
 use crate::input::Signals;
 use crate::plan::Planned;
 use crate::table::Column;
-use crate::wiring::{Store, number, places};
+use crate::wiring::{Store, Wiring, number, places};
 use crate::{Failure, Message, Messages, Order, Place, Plan, Start};
 
 /// An initialized run of a system.
@@ -171,8 +171,12 @@ impl Simulation<'_> {
     /// # Errors
     /// A [`Failure`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
+        let Wiring { before, after, .. } = &self.plan.wiring;
         let is_plain = self.lines.iter().all(Vec::is_empty)
-            && !self.plan.components.iter().any(Planned::integrates);
+            && !self.plan.components.iter().any(Planned::integrates)
+            && self.plan.input.is_none()
+            && before.others.is_empty()
+            && after.others.is_empty();
         let steps = match is_plain {
             true => self.steps::<true>(&mut observe),
             false => self.steps::<false>(&mut observe),
@@ -196,7 +200,7 @@ impl Simulation<'_> {
         let wiring = &self.plan.wiring;
         let mut all = self.plan.components.iter().skip_while(|c| c.name != end.component);
         if all.all(|component| !component.sampled) {
-            self.row.store.record(&wiring.after, &self.outputs);
+            self.row.store.record::<false>(&wiring.after, &self.outputs);
             observe(&self.row);
         }
         if let ([component], Some(reached)) = (&mut *self.components, end.ended)
@@ -204,8 +208,8 @@ impl Simulation<'_> {
             && component.read(&mut self.outputs).is_ok()
         {
             self.row.time = reached;
-            self.row.store.record(&wiring.before, &self.outputs);
-            self.row.store.record(&wiring.after, &self.outputs);
+            self.row.store.record::<false>(&wiring.before, &self.outputs);
+            self.row.store.record::<false>(&wiring.after, &self.outputs);
             observe(&self.row);
         }
         self.call_all("terminate", "end", Instance::terminate)
@@ -225,12 +229,14 @@ impl Simulation<'_> {
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.record().at(time);
-            self.feed(time);
+            if !PLAIN {
+                self.feed(time);
+            }
             self.row.time = time;
-            self.row.store.record(&wiring.before, &self.outputs);
+            self.row.store.record::<PLAIN>(&wiring.before, &self.outputs);
             if k < last {
                 self.step::<PLAIN>(k, time, experiment.step).map_err(failed_at(time))?;
-                self.row.store.record(&wiring.after, &self.outputs);
+                self.row.store.record::<PLAIN>(&wiring.after, &self.outputs);
             }
             if !observe(&self.row) {
                 break;

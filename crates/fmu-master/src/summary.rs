@@ -48,6 +48,8 @@ const PARTS: usize = 10;
 pub(crate) struct Gathering<'a> {
     plan: &'a Plan,
     rows: u64,
+    /// The row from which on there is more to do than the extremes.
+    next: u64,
     extremes: Vec<Extremes>,
     /// The time (s) of the first value that is not finite.
     lost: Vec<Option<f64>>,
@@ -154,6 +156,7 @@ impl<'a> Gathering<'a> {
         Self {
             plan,
             rows: 0,
+            next: 0,
             extremes: vec![none; count],
             lost: vec![None; count],
             parts: Vec::with_capacity(PARTS + 1),
@@ -180,13 +183,22 @@ impl<'a> Gathering<'a> {
         if !is_finite {
             self.lose(row);
         }
+        if self.rows >= self.next {
+            self.look(row);
+        }
+        self.rows += 1;
+    }
+
+    /// Does what is not to be done at every row.
+    #[inline(never)]
+    fn look(&mut self, row: &Row) {
         if self.rows >= self.next_part {
             self.end_part(row);
         }
         if self.windows.contains(&self.rows) {
             self.turn(row);
         }
-        self.rows += 1;
+        self.next = self.next_part.min(self.windows.start);
     }
 
     #[cold]

@@ -4,7 +4,7 @@
 use std::collections::{HashMap, HashSet};
 
 use fmu_description::{FmiVersion, Type, Value};
-use fmu_host::operation;
+use fmu_host::{Listed, operation};
 use fmu_worker::Function;
 use serde::{Deserialize, Serialize};
 
@@ -82,14 +82,16 @@ impl Store {
         }
     }
 
-    /// Copies recorded values of another store.
+    /// Copies recorded values of another store; if they are `PLAIN`, all are Float64.
     #[inline(always)]
-    pub(crate) fn record(&mut self, records: &Records, from: &Self) {
+    pub(crate) fn record<const PLAIN: bool>(&mut self, records: &Records, from: &Self) {
         for &(source, to) in &records.reals {
             self.reals[to] = from.reals[source];
         }
-        for &(source, to) in &records.others {
-            self.others[to].clone_from(&from.others[source]);
+        if !PLAIN {
+            for &(source, to) in &records.others {
+                self.others[to].clone_from(&from.others[source]);
+            }
         }
     }
 }
@@ -138,14 +140,14 @@ pub(crate) struct Ports {
     /// The connected inputs, and what feeds each of them.
     pub(crate) inputs: Wired,
     pub(crate) sources: Vec<Source>,
-    /// The first of the Float64 outputs that feed them, if these follow each other, none is scaled, and they
+    /// The inputs and the Float64 outputs that feed them, if these follow each other, none is scaled, and they
     /// are all elements: their values need not be collected.
-    pub(crate) run: Option<usize>,
+    pub(crate) run: Option<Listed>,
     /// The variables that are connected or recorded, once each, and the place of the first.
     pub(crate) outputs: Wired,
     pub(crate) first: Place,
-    /// The first of these outputs if they are Float64 and all elements: their values need not be distributed.
-    pub(crate) whole: Option<usize>,
+    /// These outputs if they are Float64 and all elements: their values need not be distributed.
+    pub(crate) whole: Option<Listed>,
 }
 
 /// The output, or the column of the input file, that feeds an input.
@@ -268,9 +270,10 @@ impl Wiring {
             });
         }
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
-            reals.run = run(&reals.sources).filter(|_| reals.inputs.are_all);
+            let run = run(&reals.sources).filter(|_| reals.inputs.are_all);
+            reals.run = run.map(|first| reals.inputs.listed(first));
             reals.whole = match reals.first {
-                Place::Real(first) if reals.outputs.are_all => Some(first),
+                Place::Real(first) if reals.outputs.are_all => Some(reals.outputs.listed(first)),
                 _ => None,
             };
         }
@@ -304,6 +307,11 @@ pub(crate) struct Wired {
 }
 
 impl Wired {
+    /// The variables and the place of their elements in a list.
+    pub(crate) fn listed(&self, first: usize) -> Listed {
+        Listed::new(&self.references, first..first + self.elements)
+    }
+
     pub(crate) fn push(&mut self, fmu: &Fmu, scalar: usize) {
         let variable = fmu.variable(scalar);
         let (reference, count) = (variable.reference, variable.count());

@@ -36,7 +36,8 @@ pub struct Moment {
     pub is_message_of_call: bool,
 }
 
-/// The word with the number of the call, the index of the component and the function.
+/// The word with the number of the call, the index of the component and the function. It is the first, which is
+/// written without looking whether it exists.
 const CALL: usize = 0;
 /// The communication point (s), NaN before the initialization, and the communication step (s), as bits.
 const TIME: usize = 1;
@@ -260,8 +261,14 @@ impl Calls {
     #[inline]
     pub fn begin(&mut self, function: Option<Function>) {
         self.word = self.word.wrapping_add(NOT_NUMBER + 1);
+        self.go_on(function);
+    }
+
+    /// Records the call of a function that was not called since [`Calls::begin`], with the number of that call.
+    #[inline]
+    pub fn go_on(&self, function: Option<Function>) {
         let word = self.word | function.map_or(0, |function| function.0.get().into());
-        self.record.word(CALL).store(word, Relaxed);
+        self.record.0.first().store(word, Relaxed);
     }
 }
 
