@@ -168,10 +168,9 @@ def test_tune_finds_only_what_all_plants_accept(fmus):
         accepts=lambda result: result["plant.theta"][-1] <= limit,
         guess={"plant.theta0": 0.01},
     )
-    heavier = System(
-        components={"plant": fmus / "Pendulum.fmu"}, connections=[], step=0.01, stop=SECONDS
-    )
-    reached = heavier.simulate(found.values | {"plant.M": 2.0})["plant.theta"][-1]
+    start = {"theta0": found.values["plant.theta0"], "M": 2.0}
+    options = {"step_size": 0.01, "stop_time": SECONDS, "start_values": start}
+    reached = simulate(fmus / "Pendulum.fmu", **options)["theta"][-1]
     assert 0.9 * limit < reached <= limit
     with pytest.raises(ValueError, match=r"plant.theta0: the guess 2.0 is not from 0.01 to 0.1"):
         tuned(fmus, guess={"plant.theta0": 2.0})
