@@ -463,16 +463,19 @@ def test_output_selects_the_columns_and_their_order_and_the_last_set_applies(tmp
     assert np.abs(columns["controller.u"]).max() == 7
 
 
-def test_the_summary_has_the_extremes_and_what_is_alarming(tmp_path):
+def test_the_summary_has_extremes_last_values_units_and_what_is_alarming(tmp_path):
     """A controller that works on the terms of the previous sample in parallel order oscillates."""
     system, out = LOOPS / "pid-rbf.toml", tmp_path / "out.csv"
     late = ("--order=parallel", "--set=controller.previous_sample_terms=true")
     for options, alarming in [((), {"moving"}), (late, {"oscillating", "moving"})]:
         result = run("simulate", system, "--csv", out, *options)
         lines = [line.split() for line in result.stdout.splitlines()]
-        for name, column in list(read_csv(out).items())[1:]:
-            (shown,) = (line[1:4] for line in lines if line[0] == name)
-            expected = (column.min(), column.max(), np.sqrt(np.mean(column**2)))
+        heads = out.read_text(encoding="utf-8").splitlines()[0].split(",")
+        for head, (name, column) in list(zip(heads, read_csv(out).items(), strict=True))[1:]:
+            (shown,) = (line[1:] for line in lines if line[0] == name)
+            assert head == f"{name} [{shown.pop()}]"
+            assert float(shown[-1]) == pytest.approx(column[-1], rel=1e-9)
+            expected = (column.min(), column.max(), np.sqrt(np.mean(column**2)), column[-1])
             np.testing.assert_allclose(np.array(shown, float), expected, rtol=1e-3)
         assert {line[1] for line in lines if line[0] == "alarming:"} == alarming
     # On a sine, it does so near the extremes of the angle only. A healthy force rings after a jump.
@@ -481,21 +484,6 @@ def test_the_summary_has_the_extremes_and_what_is_alarming(tmp_path):
     assert "oscillating" in cycles.stdout
     for healthy in (sine, "--stop=2.75", "--stop=8"):
         assert "oscillating" not in run("simulate", system, healthy, "--csv", out).stdout
-
-
-def test_the_summary_shows_the_last_values_with_units(tmp_path):
-    result = run("simulate", PID, "--stop=0.5", "--csv", "out.csv", cwd=tmp_path)
-    assert result.stderr == "", "no progress bar without a terminal"
-    _, *lines, note, speed, _ = result.stdout.splitlines()
-    assert note.startswith("sampled, because all outputs are discrete: controller;")
-    with (tmp_path / "out.csv").open(newline="") as file:
-        heads, *_, last = csv.reader(file)
-    expected = {name: f"{float(value):.9e}" for name, value in zip(heads, last, strict=True)}
-    del expected["time [s]"]
-    shown = (line.split() for line in lines)
-    assert {f"{n} [{unit}]": f"{float(last):.9e}" for n, *_, last, unit in shown} == expected
-    assert re.fullmatch(r"0.5 s in [\d.]+ ms: [\d.]+ times real time", speed)
-    assert os.listdir(tmp_path) == ["out.csv"]
 
 
 def test_csv_can_be_written_to_a_device_and_a_closed_pipe_is_not_an_error():

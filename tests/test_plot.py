@@ -28,9 +28,6 @@ def drawn(tmp_path_factory) -> tuple[Path, list[dict[str, np.ndarray]]]:
     return page, [read_csv(file) for file in files]
 
 
-SCREENS = pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (390, "dark")])
-
-
 def opened(browser: Browser, file: Path, width: int, scheme: str) -> Page:
     """Open a page, which must say nothing, ask for nothing, and fit the screen."""
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
@@ -45,7 +42,7 @@ def opened(browser: Browser, file: Path, width: int, scheme: str) -> Page:
     return page
 
 
-@SCREENS
+@pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (390, "dark")])
 def test_the_page_draws_all_runs_and_shows_the_values_at_the_cursor(
     browser: Browser, drawn, width, scheme
 ):
@@ -89,8 +86,9 @@ parameter = [
 """
 
 
-@SCREENS
-@pytest.mark.parametrize("parameters", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("parameters", "width", "scheme"), [(1, 1400, "light"), (2, 390, "dark"), (3, 390, "light")]
+)
 def test_the_page_of_a_sweep_shows_the_best_run_and_the_one_at_the_cursor(
     browser: Browser, fmus, tmp_path, parameters, width, scheme
 ):
