@@ -96,6 +96,9 @@ pub(crate) struct IntermediateUpdate {
 /// A pointer to an instance, which begins with its [`Shared`] part.
 pub(crate) type Pointer = *mut c_void;
 
+/// Where the end of a step (s) is returned, if the host wants to know.
+pub(crate) type End<'a> = Option<&'a mut f64>;
+
 /// The functions that depend on the model. The pointer is to an instance of this model, which is not
 /// used concurrently or otherwise during the call; those to arrays are NULL or valid for the lengths that
 /// follow them. A binary for one version of FMI does not contain the functions of the other.
@@ -113,8 +116,8 @@ pub(crate) struct Hot {
     #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
     pub(crate) set_variables:
         unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Outcome,
-    /// Takes a step, and returns where it ended if the host wants to know.
-    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, Option<&mut f64>) -> Outcome,
+    /// Takes a step.
+    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, End) -> Outcome,
     pub(crate) component: unsafe fn(Pointer) -> *mut Component,
     pub(crate) free: unsafe fn(Pointer),
 }
@@ -535,15 +538,12 @@ impl Component {
         (outcome != Outcome::Ok || step == 0.0).then_some(outcome)
     }
 
-    /// Takes any step, and returns where it ended if the host wants to know.
-    pub(crate) fn step(&mut self, time: f64, step: f64, end: Option<&mut f64>) -> Outcome {
+    /// Takes any step.
+    pub(crate) fn step(&mut self, time: f64, step: f64, end: End) -> Outcome {
         if !self.shared.lifecycle.is_next_step(time, step)
             && let Some(outcome) = self.refuse_step(time, step)
         {
-            if let Some(end) = end {
-                *end = self.shared.lifecycle.now();
-            }
-            return outcome;
+            return self.returned(outcome, end);
         }
         let taken = catch_unwind(AssertUnwindSafe(|| {
             match self.model.facts().is_integrated {
@@ -567,7 +567,7 @@ impl Component {
         taken: std::thread::Result<Result<(), ModelError>>,
         time: f64,
         step: f64,
-        end: Option<&mut f64>,
+        end: End,
     ) -> Outcome {
         let call = &self.shared.settings.edge.do_step;
         let outcome = match taken.map(|taken| taken.and_then(|()| self.model.check_outputs())) {
@@ -578,6 +578,11 @@ impl Component {
             Ok(Err(error)) => self.fail(call, error.in_step(time, step)),
             Err(panic) => self.fail_by_panic(call, panic),
         };
+        self.returned(outcome, end)
+    }
+
+    /// Returns from a step, whose end is the current time.
+    fn returned(&self, outcome: Outcome, end: End) -> Outcome {
         if let Some(end) = end {
             *end = self.shared.lifecycle.now();
         }

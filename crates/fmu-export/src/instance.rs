@@ -11,7 +11,7 @@ use std::slice::{from_raw_parts, from_raw_parts_mut};
 use fmi_abi::state::State;
 
 use crate::bound::{AnyModel, Bound, Variant};
-use crate::component::{Component, Guid, Hot, Outcome, Pointer, Settings, Shared};
+use crate::component::{Component, End, Guid, Hot, Outcome, Pointer, Settings, Shared};
 use crate::model::{Model, ModelError};
 
 pub(crate) const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
@@ -184,12 +184,7 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
     ///
     /// # Safety
     /// As for all functions of [`Hot`].
-    unsafe extern "C" fn step(
-        instance: Pointer,
-        time: f64,
-        step: f64,
-        end: Option<&mut f64>,
-    ) -> Outcome {
+    unsafe extern "C" fn step(instance: Pointer, time: f64, step: f64, end: End) -> Outcome {
         // SAFETY: the caller's promise.
         unsafe {
             match Self::of(instance).is_plain_step(time, step) {
@@ -204,12 +199,7 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
     /// # Safety
     /// As for all functions of [`Hot`].
     #[inline(never)]
-    unsafe extern "C" fn plain_step(
-        instance: Pointer,
-        time: f64,
-        step: f64,
-        end: Option<&mut f64>,
-    ) -> Outcome {
+    unsafe extern "C" fn plain_step(instance: Pointer, time: f64, step: f64, end: End) -> Outcome {
         // SAFETY: the caller's promise.
         let c = unsafe { Self::of(instance) };
         let take = {
@@ -293,13 +283,7 @@ thorough_access! {
 /// As for all functions of [`Hot`].
 #[cold]
 #[inline(never)]
-unsafe extern "C" fn any_step(
-    instance: Pointer,
-    time: f64,
-    step: f64,
-    end: Option<&mut f64>,
-) -> Outcome {
+unsafe extern "C" fn any_step(instance: Pointer, time: f64, step: f64, end: End) -> Outcome {
     // SAFETY: the caller's promise.
-    let c = unsafe { component(instance) };
-    c.map_or(Outcome::Error, |c| c.step(time, step, end))
+    unsafe { component(instance) }.map_or(Outcome::Error, |c| c.step(time, step, end))
 }
