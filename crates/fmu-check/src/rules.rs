@@ -1,6 +1,7 @@
 //! The rules for a model description that its schema does not express.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::LazyLock;
 
 use fmu_description::value::{items, real, unsigned, whole};
 use fmu_description::words::is_identifier;
@@ -13,6 +14,7 @@ use fmu_file::text::quote;
 use crate::finding::{Findings, Location, find, require};
 use crate::package::{INTERFACES, interfaces};
 use crate::rule::{Rule, rule};
+use crate::schema::Pattern;
 
 /// A model description that is checked.
 struct Check<'a> {
@@ -336,70 +338,14 @@ impl<'a> Check<'a> {
     }
 }
 
-/// Whether a name has the form of the naming convention `structured`.
-fn is_structured(name: &str) -> bool {
-    let whole = |text: &str| identifier(text).is_some_and(str::is_empty);
-    let derivative = name.strip_prefix("der(");
-    let inner = derivative.and_then(|rest| rest.strip_suffix(')'));
-    match inner.map(|inner| (inner, inner.rsplit_once(','))) {
-        None => whole(name),
-        // The comma may also separate indices.
-        Some((_, Some((inner, order)))) if is_number(order) => whole(inner),
-        Some((inner, _)) => whole(inner),
-    }
-}
-
-fn is_number(text: &str) -> bool {
-    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
-}
-
-/// The rest of a text after its leading identifier: names with indices, separated by dots.
-fn identifier(mut text: &str) -> Option<&str> {
-    loop {
-        text = match text.strip_prefix('\'') {
-            Some(rest) => quoted(rest)?,
-            None => plain(text)?,
-        };
-        if let Some(rest) = text.strip_prefix('[') {
-            let (indices, rest) = rest.split_once(']')?;
-            if !indices.split(',').all(is_number) {
-                return None;
-            }
-            text = rest;
-        }
-        match text.strip_prefix('.') {
-            Some(rest) => text = rest,
-            None => return Some(text),
-        }
-    }
-}
-
-/// The rest of a text after a name of letters, digits and underscores.
-fn plain(text: &str) -> Option<&str> {
-    let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let rest = text.trim_start_matches(is_name);
-    let starts_well = text.starts_with(|c: char| is_name(c) && !c.is_ascii_digit());
-    starts_well.then_some(rest)
-}
-
-/// The rest of a text after a quoted name, whose opening quote has been read.
-fn quoted(text: &str) -> Option<&str> {
-    let mut characters = text.char_indices();
-    while let Some((at, character)) = characters.next() {
-        match character {
-            '\'' => return (at > 0).then(|| &text[at + 1..]),
-            '\\' => {
-                let (_, escaped) = characters.next()?;
-                if !"'\"?\\abfnrtv".contains(escaped) {
-                    return None;
-                }
-            }
-            ' '..='~' => {}
-            _ => return None,
-        }
-    }
-    None
-}
+/// The form of names by the naming convention `structured`: parts with indices, separated by periods, or the derivative
+/// of such a name, of any order.
+static STRUCTURED: LazyLock<Pattern> = LazyLock::new(|| {
+    let identifier = r#"(?:[A-Za-z_][A-Za-z0-9_]*|'(?:[ -&(-\[\]-~]|\\['"?\\abfnrtv])+')"#;
+    let part = format!(r"{identifier}(?:\[[0-9]+(?:,[0-9]+)*\])?");
+    let name = format!(r"{part}(?:\.{part})*");
+    Pattern::new(&format!(r"{name}|der\({name}(?:,[0-9]+)?\)"))
+});
 
 /// The values of `initial` allowed for a causality and a variability; `None` if that combination is
 /// not allowed.
@@ -439,7 +385,7 @@ impl Check<'_> {
                 require!(self, "variable-named" at variable, is_given,
                     "the name is empty, expected a string");
                 if structured && is_given {
-                    let is_structured = is_structured(name);
+                    let is_structured = STRUCTURED.fits(name);
                     require!(self, "structured-names" at variable, is_structured,
                         "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)");
                     let is_derivative = is_structured && name.starts_with("der(");
@@ -1040,11 +986,11 @@ mod tests {
     fn structured_names_have_the_form_of_the_standard() {
         let good = r"a|_a1|a.b.c|rbf.w[1]|a[1,2].b[3]|der(a)|der(a.b[1])|der(a[1,2])|der(a,2)|'a b'.c|'it\'s'|a.'[x]'[2]|der('a,b')";
         for good in good.split('|') {
-            assert!(is_structured(good), "{good}");
+            assert!(STRUCTURED.fits(good), "{good}");
         }
         let bad = r"|1a|a.|.a|a..b|a[|a[]|a[x]|a[1|a b|a-b|ä|der(|der()|der(a|a)|''|'a|'a\x'|a[1,]|der(a,)|a[1]b";
         for bad in bad.split('|') {
-            assert!(!is_structured(bad), "{bad}");
+            assert!(!STRUCTURED.fits(bad), "{bad}");
         }
     }
 }

@@ -17,10 +17,10 @@
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-use fmu_description::value::{boolean, items, real};
+use fmu_description::value::{boolean, bytes, items, real};
 use fmu_description::xml::Element;
 use fmu_file::text::quote;
-use toml::value::Datetime;
+use regex_lite::Regex;
 
 use crate::finding::{Findings, Location, find, require};
 use crate::rule::rule;
@@ -263,16 +263,13 @@ fn unfit(text: &str, form: &str) -> Option<String> {
         _ => (0, 0),
     };
     let trimmed = text.trim_matches([' ', '\t', '\r', '\n']);
-    let is_hex = |text: &str| text.bytes().all(|byte| byte.is_ascii_hexdigit());
     let (fits, expected) = match form {
         "string" => (true, ""),
         "double" => (real(text).is_some(), "a number"),
         "boolean" => (boolean(text).is_some(), "true, false, 1 or 0"),
-        "dateTime" => (is_date_time(trimmed), "a date and time such as 2026-01-31T12:00:00Z"),
-        "hexBinary" => {
-            (trimmed.len().is_multiple_of(2) && is_hex(trimmed), "pairs of hexadecimal digits")
-        }
-        "version" => (is_version(text), "a version such as 3.0"),
+        "dateTime" => (DATE_TIME.fits(trimmed), "a date and time such as 2026-01-31T12:00:00Z"),
+        "hexBinary" => (bytes(text).is_some(), "pairs of hexadecimal digits"),
+        "version" => (VERSION.fits(text), "a version such as 3.0"),
         _ if max > 0 => {
             let fits = trimmed.parse().is_ok_and(|number: i128| (min..=max).contains(&number));
             let to = match max {
@@ -289,30 +286,29 @@ fn unfit(text: &str, form: &str) -> Option<String> {
     (!fits).then(|| expected.into())
 }
 
-/// Whether a text is an `xs:dateTime`, which may be without a time zone. TOML also has dates and times alone.
-fn is_date_time(text: &str) -> bool {
-    let has_all = |found: Datetime| {
-        found.date.is_some() && found.time.is_some_and(|time| time.second.is_some())
-    };
-    text.contains('T') && text.parse().is_ok_and(has_all)
+/// A pattern that a whole text has to fit.
+pub struct Pattern(Regex);
+
+impl Pattern {
+    /// A regular expression of this program, which is valid.
+    pub fn new(pattern: &str) -> Self {
+        let regex = Regex::new(&format!("^(?:{pattern})$"));
+        Self(regex.unwrap_or_else(|error| unreachable!("{pattern}: {error}")))
+    }
+
+    pub fn fits(&self, text: &str) -> bool {
+        self.0.is_match(text)
+    }
 }
 
-/// `3[.](0|[1-9][0-9]*)([.](0|[1-9][0-9]*))?(-.+)?`
-fn is_version(text: &str) -> bool {
-    let (numbers, suffix) = match text.split_once('-') {
-        Some((numbers, suffix)) => (numbers, Some(suffix)),
-        None => (text, None),
-    };
-    let is_number = |part: &str| {
-        let has_digits = !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
-        part == "0" || has_digits && !part.starts_with('0')
-    };
-    let mut parts = numbers.split('.');
-    parts.next() == Some("3")
-        && (1..=2).contains(&numbers.matches('.').count())
-        && parts.all(is_number)
-        && suffix != Some("")
-}
+static DATE_TIME: LazyLock<Pattern> = LazyLock::new(|| {
+    let date = "-?[0-9]{4,}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])";
+    let time = "([01][0-9]|2[0-4]):[0-5][0-9]";
+    let zone = format!("Z|[+-]{time}");
+    Pattern::new(&format!(r"{date}T{time}:[0-5][0-9](\.[0-9]+)?({zone})?"))
+});
+static VERSION: LazyLock<Pattern> =
+    LazyLock::new(|| Pattern::new(r"3[.](0|[1-9][0-9]*)([.](0|[1-9][0-9]*))?(-.+)?"));
 
 #[cfg(test)]
 mod tests {
@@ -340,8 +336,8 @@ mod tests {
             assert!(unfit(bad, form).is_some(), "{form} {bad:?}");
         }
         let bad = "3|2.0|3.|3.00|3.0.|3.0.0.1|3.0-|3.x| 3.0|3-1";
-        assert!(bad.split('|').all(|bad| !is_version(bad)));
+        assert!(bad.split('|').all(|bad| !VERSION.fits(bad)));
         let good = "3.0|3.0.2|3.10|3.0-beta.1|3.0.1-rc-2";
-        assert!(good.split('|').all(is_version));
+        assert!(good.split('|').all(|good| VERSION.fits(good)));
     }
 }
