@@ -265,15 +265,9 @@ def node_costs(costs: Costs, inputs: str) -> list[tuple[int, float]]:
 
 def render(results: Mapping) -> str:
     """Return the page docs/speed.md."""
-    costs, environment = (
-        results["costs"],
-        Environment(
-            loader=FileSystemLoader(Path(__file__).parent),
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            keep_trailing_newline=True,
-        ),
-    )
+    costs, loader = results["costs"], FileSystemLoader(Path(__file__).parent)
+    options = {"trim_blocks": True, "keep_trailing_newline": True}
+    environment = Environment(loader=loader, undefined=StrictUndefined, **options)
     environment.filters |= {"code": code, "median": median, "ns": ns, "rate": rate, "row": row}
     context: dict[str, Any] = {kind: find(costs) for kind, find in KINDS.items()}
     context |= {

@@ -43,16 +43,10 @@ class Fmu:
             with root.add_instance(f"{PACKAGE}/intermediate-update-callbacks@3.0.0") as callbacks:
                 callbacks.add_func("intermediate-update", lambda *_: (False, 0.0))
         self.component = linker.instantiate(self.store, component)
-        more = [False, False, []] if interface == "co-simulation" else []
-        token = self.description.guid
-        self.instance = self.call(
-            f"[static]{interface}-instance.instantiate-{interface}",
-            "it",
-            token,
-            False,
-            False,
-            *more,
-        )
+        given = ["it", self.description.guid, False, False]
+        given += [False, False, []] if interface == "co-simulation" else []
+        function = f"[static]{interface}-instance.instantiate-{interface}"
+        self.instance = self.call(function, *given)
 
     def call(self, name: str, *args: object) -> object:
         """Call a function of the interface."""

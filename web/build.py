@@ -17,11 +17,10 @@ def main() -> None:
     page = (web / "page.html").read_text(encoding="utf-8")
     for name in ("fmu.js", "page.js"):
         page = page.replace(f"{{{{{name}}}}}", (web / name).read_text(encoding="utf-8"))
-    package = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"][
-        "package"
-    ]
-    link = f'<a href="{package["repository"]}">the repository</a>'
-    page = page.replace("{{repository}}", link if package["repository"] else "the repository")
+    manifest = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))
+    repository = manifest["workspace"]["package"]["repository"]
+    link = f'<a href="{repository}">the repository</a>' if repository else "the repository"
+    page = page.replace("{{repository}}", link)
     page = page.replace("{{fmus}}", fmus)
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / "index.html.partial"

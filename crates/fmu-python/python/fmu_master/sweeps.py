@@ -95,15 +95,7 @@ class Sweep:
     def run(self, processes: int = 0) -> Result:
         """Run the sweep in worker processes, by default one for each core; return the table."""
         with self.files() as arguments, self.table() as out:
-            command = [
-                *COMMAND,
-                "sweep",
-                *arguments,
-                "--out",
-                str(out),
-                "--threads",
-                str(processes),
-            ]
+            command = [*COMMAND, "sweep", *arguments, f"--out={out}", f"--threads={processes}"]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise FmuError(done.stderr.strip().removeprefix("error: "))
