@@ -255,9 +255,14 @@ def with_binary(fmu: Path, content: bytes, to: Path) -> Path:
     return to
 
 
-def hostile(start: str = "", instantiate: str = "", enter: str = "") -> bytes:
-    """Return a component whose functions run some code."""
+def hostile(start: str = "", instantiate: str = "", enter: str = "", path: bool = False) -> bytes:
+    """Return a component whose functions run some code; of the earlier draft if `path`."""
     text = (ROOT / "tests" / "data" / "hostile.wat").read_text(encoding="utf-8")
+    if path:
+        token = '(param "instantiation-token" string)'
+        text = text.replace(token, f'{token} (param "resource-path" string)')
+        name = '(export "instantiate") (param'
+        text = text.replace(name, f"{name} i32 i32")
     for name, code in (("START", start), ("INSTANTIATE", instantiate), ("ENTER", enter)):
         text = text.replace(name, code)
     return wasmtime.wat2wasm(text)
@@ -302,6 +307,18 @@ def test_a_hostile_component_ends_with_a_message(place, code, reason, components
     code, _, problems = program("simulate", fmu, "--call-timeout", "5", "--memory-limit", "1")
     assert code == 1
     assert all(part in problems for part in reason.split("|")), problems
+
+
+@pytest.mark.sandbox
+def test_a_component_of_the_earlier_draft_gets_an_empty_path(components, tmp_path):
+    # Parameter 5 of the core function is the length of the path.
+    trap = "(if (local.get 5) (then (unreachable)))"
+    component = hostile(instantiate=trap, path=True)
+    fmu = with_binary(components / "Pid_fmi3.fmu", component, tmp_path / "earlier.fmu")
+    code, _, problems = program("simulate", fmu)
+    assert code == 1
+    # The component has none of the functions that follow.
+    assert "fmi3ExitInitializationMode is missing from the component" in problems
 
 
 @pytest.mark.sandbox
