@@ -28,7 +28,7 @@ pub(crate) struct Component<'a> {
     calls: Calls,
     /// Present once a component of model exchange is initialized.
     pub(crate) exchange: Option<Box<Exchange<'a>>>,
-    functions: Functions,
+    functions: &'static Functions,
     do_step: Option<Function>,
     /// The Float64 inputs with their function, and whether their values are collected in `reals`.
     set: Option<(Listed, Option<Function>)>,
@@ -213,7 +213,7 @@ impl<'a> Component<'a> {
         Calling {
             instance: &mut self.instance,
             calls: &mut self.calls,
-            functions: &self.functions,
+            functions: self.functions,
             messages: &self.messages,
             name: &self.name,
             version: self.fmu.version,

@@ -6,6 +6,7 @@
 //! of that communication point, if they come from other components.
 
 use std::fmt::Arguments;
+use std::sync::LazyLock;
 
 use dormand_prince::solver::{self, Events, MAX_EVENTS, Step, System, Workspace, too_many_events};
 use fmu_description::{FmiVersion, Variability};
@@ -86,9 +87,16 @@ pub(crate) const OPERATIONS: [&str; 12] = [
     "enter_continuous_time_mode",
 ];
 
-/// The functions of a version.
-pub(crate) fn functions(version: FmiVersion) -> Functions {
-    OPERATIONS.map(|operation| Function::of(version, operation))
+/// The functions of a version, which are looked up once, as a sweep instantiates FMUs again and again.
+pub(crate) fn functions(version: FmiVersion) -> &'static Functions {
+    static ALL: LazyLock<[Functions; 2]> = LazyLock::new(|| {
+        [FmiVersion::Fmi2, FmiVersion::Fmi3]
+            .map(|version| OPERATIONS.map(|operation| Function::of(version, operation)))
+    });
+    match version {
+        FmiVersion::Fmi2 => &ALL[0],
+        FmiVersion::Fmi3 => &ALL[1],
+    }
 }
 
 /// Why an integration has stopped.

@@ -100,7 +100,7 @@ impl Journal {
             sync: None,
         };
         let text = journal.read()?;
-        journal.done = journal.rows(&text)?.into_keys().collect();
+        journal.done = journal.rows(&text, |line| journal.index(line))?.into_keys().collect();
         journal.length = text.len() as u64;
         Ok(journal)
     }
@@ -171,7 +171,10 @@ impl Journal {
     /// journal is then kept.
     pub fn finish(mut self, mut see: impl FnMut(&[Cell])) -> Result<()> {
         let text = self.read()?;
-        let rows = self.rows(&text)?;
+        // All lines were checked before.
+        let first = |line: &str| line.split(',').next()?.parse().ok().filter(|i| *i < self.runs);
+        let index = |line: &str| first(line).map_or_else(|| self.index(line), Ok);
+        let rows = self.rows(&text, index)?;
         let missing = self.runs - rows.len() as u64;
         let first = (0..self.runs).find(|index| !rows.contains_key(index));
         ensure!(
@@ -222,13 +225,17 @@ impl Journal {
         String::from_utf8(bytes).with_context(|| self.cannot("read"))
     }
 
-    /// The lines of the runs, without duplicates.
-    fn rows<'a>(&self, text: &'a str) -> Result<BTreeMap<u64, &'a str>> {
+    /// The lines of the runs, without duplicates; `index` returns the run of a line.
+    fn rows<'a>(
+        &self,
+        text: &'a str,
+        index: impl Fn(&str) -> Result<u64>,
+    ) -> Result<BTreeMap<u64, &'a str>> {
         let mut rows = BTreeMap::new();
         let headers = self.header.lines().count();
         for (number, line) in text.lines().enumerate().skip(headers) {
             let mut add = || {
-                let index = self.index(line)?;
+                let index = index(line)?;
                 if let Some(other) = rows.insert(index, line) {
                     // Compared as text, since NaN differs from itself.
                     let cells =

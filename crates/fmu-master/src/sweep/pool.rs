@@ -52,8 +52,7 @@ pub(crate) enum Outcome<R> {
 /// Longest interval between looks at the workers, and the first one after tasks were handed out.
 const PERIOD: Duration = Duration::from_millis(4);
 const FIRST_PERIOD: Duration = Duration::from_micros(250);
-/// The tasks of a worker are to take less than about this time, so that at the end, no other worker has
-/// to wait for long.
+/// The tasks of a worker are to take less than about this time.
 const AHEAD: Duration = Duration::from_millis(32);
 /// Maximum number of tasks of a worker.
 const MAX_AHEAD: usize = 256;
@@ -84,15 +83,19 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
         Self { setup, names, busy: Vec::new() }
     }
 
-    /// Hands out tasks; `keep` receives what came of each, in any order. Returns false if cancelled.
+    /// Hands out this number of tasks; `keep` receives what came of each, in any order. Returns false if
+    /// cancelled.
     ///
     /// # Errors
     /// A worker cannot be started or does nothing, or `keep` fails.
     pub(crate) fn run<R: DeserializeOwned>(
         &mut self,
+        number: u64,
         mut tasks: impl Iterator<Item = T>,
         mut keep: impl FnMut(T, Outcome<R>) -> Result<()>,
     ) -> Result<bool> {
+        // The tasks that nobody has.
+        let mut rest = number;
         let mut waiting: VecDeque<T> = VecDeque::new();
         let mut pause = FIRST_PERIOD;
         loop {
@@ -122,13 +125,18 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     let Some(task) = busy.tasks.pop_front() else {
                         bail!("{}", crash.text);
                     };
+                    rest += busy.tasks.len() as u64;
                     waiting.extend(busy.tasks.drain(..));
                     keep(task, Outcome::Crash(crash))?;
                     continue;
                 }
-                while busy.tasks.len() < busy.ahead
+                // Less and less at the end, so that all workers end at about the same time.
+                let share = rest / (2 * self.setup.count() as u64);
+                let ahead = busy.ahead.min(share.max(1) as usize);
+                while busy.tasks.len() < ahead
                     && let Some(task) = next()
                 {
+                    rest = rest.saturating_sub(1);
                     if busy.tasks.is_empty() {
                         (busy.since, pause) = (Instant::now(), FIRST_PERIOD);
                     }

@@ -250,15 +250,19 @@ impl Study {
     /// A value is rejected, or the FMUs crash at every value.
     fn try_corners(&self, pool: &mut Pool<'_, Task>) -> Result<()> {
         let (mut fit, mut crash) = (false, None);
-        let corners = self.parameters.corners().into_iter().map(Task::Try);
-        pool.run(corners, |_, outcome: Outcome<Reply>| {
-            match outcome {
-                Outcome::Reply(Ok(_)) => fit = true,
-                Outcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
-                Outcome::Crash(crashed) => crash = Some(crashed.text),
-            }
-            Ok(())
-        })?;
+        let corners = self.parameters.corners();
+        pool.run(
+            corners.len() as u64,
+            corners.into_iter().map(Task::Try),
+            |_, outcome: Outcome<Reply>| {
+                match outcome {
+                    Outcome::Reply(Ok(_)) => fit = true,
+                    Outcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
+                    Outcome::Crash(crashed) => crash = Some(crashed.text),
+                }
+                Ok(())
+            },
+        )?;
         // A crash at some values is recorded with their runs.
         match crash {
             Some(text) if !fit => bail!("{}: {text}", self.sweep.display()),
@@ -306,9 +310,9 @@ impl Study {
     fn simulate(&self, index: u64, record: &Record) -> Result<Done> {
         let simulation = self.initialize(index, record)?;
         let mut metrics = Metrics::new(&self.metrics);
-        let [r, y, e, u] = self.signals;
-        let ended = simulation.run(|row| {
-            metrics.push(Sample {
+        let ([r, y, e, u], gathered) = (self.signals, &mut metrics);
+        let ended = simulation.run(move |row| {
+            gathered.push(Sample {
                 time: row.time,
                 r: row.number(r),
                 y: row.number(y),
@@ -361,12 +365,13 @@ impl Study {
     /// Simulates runs; `keep` receives the line of each, and why it failed. Returns false if cancelled.
     fn execute(
         &self,
+        number: u64,
         indices: impl Iterator<Item = u64>,
         pool: &mut Pool<'_, Task>,
         mut keep: impl FnMut(u64, Done) -> Result<()>,
     ) -> Result<bool> {
         let tasks = indices.map(Task::Simulate);
-        pool.run(tasks, |task, outcome: Outcome<Reply>| {
+        pool.run(number, tasks, |task, outcome: Outcome<Reply>| {
             let (Task::Try(index) | Task::Simulate(index)) = task;
             match outcome {
                 Outcome::Reply(Ok(Some(done))) => keep(index, done),
@@ -389,7 +394,8 @@ impl Study {
         mut keep: impl FnMut(&str) -> Result<()>,
     ) -> Result<bool> {
         self.parameters.check(&runs)?;
-        self.execute(runs, &mut self.pool(workers), |_, done| keep(&done.line))
+        let number = runs.end.saturating_sub(runs.start);
+        self.execute(number, runs, &mut self.pool(workers), |_, done| keep(&done.line))
     }
 
     /// Simulates the runs that are not yet in the journal of `file`, and writes all rows to `file`.
@@ -415,7 +421,8 @@ impl Study {
         };
         report(&progress);
         let pending = missing.into_iter().flat_map(|(first, end)| first..end);
-        let is_complete = self.execute(pending, pool, |run, done| {
+        let number = runs - progress.before;
+        let is_complete = self.execute(number, pending, pool, |run, done| {
             journal.append(&done.line)?;
             progress.done += 1;
             if let Some(failure) = done.failure {
