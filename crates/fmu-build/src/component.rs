@@ -86,7 +86,7 @@ impl Reencode for Named<'_> {
         exports: &mut ExportSection,
         export: wasmparser::Export<'_>,
     ) -> Result<(), Error> {
-        let is_kept = matches!(export.name, "memory" | "cabi_realloc");
+        let is_kept = matches!(export.name, "memory" | "cabi_realloc" | "fmu_export_arguments");
         let all = self.0.iter().filter(|(_, operation)| *operation == export.name);
         let names = all.map(|(name, _)| name.as_str()).chain(is_kept.then_some(export.name));
         for name in names {

@@ -118,6 +118,9 @@ pub(crate) struct Hot {
         unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Outcome,
     /// Takes a step.
     pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, End) -> Outcome,
+    /// The number of elements of variables; an unknown one counts as one.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) count: unsafe fn(Pointer, *const u32, usize) -> usize,
     pub(crate) component: unsafe fn(Pointer) -> *mut Component,
     pub(crate) free: unsafe fn(Pointer),
 }

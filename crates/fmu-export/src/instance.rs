@@ -136,6 +136,8 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
         set_variables: Self::set_variables,
         step: Self::step,
+        #[cfg(target_arch = "wasm32")]
+        count: Self::count,
         component: Self::of_any_model,
         free: Self::free,
     };
@@ -146,6 +148,17 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
     unsafe fn of<'a>(instance: Pointer) -> &'a mut Self {
         // SAFETY: the caller's promise.
         unsafe { &mut *instance.cast() }
+    }
+
+    /// # Safety
+    /// As for all functions of [`Hot`].
+    #[cfg(target_arch = "wasm32")]
+    unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
+        // SAFETY: the caller's promise.
+        let (c, references) = unsafe { (Self::of(instance), slice(references, n)) };
+        let model = &mut c.model as &mut dyn AnyModel;
+        let references = references.unwrap_or_default().iter();
+        references.map(|&reference| model.elements(reference).unwrap_or(1)).sum()
     }
 
     /// # Safety

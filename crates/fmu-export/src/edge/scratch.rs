@@ -30,21 +30,31 @@ thread_local! {
 
 impl Scratch {
     fn allocate(&mut self, size: usize, alignment: usize) -> *mut u8 {
+        let used = if self.is_over { 0 } else { self.used };
+        // A power of two.
+        let mask = alignment.clamp(1, ALIGNMENT) - 1;
+        let start = (used + mask) & !mask;
+        match self.blocks.last_mut() {
+            Some(block) if size <= size_of_val(&**block).saturating_sub(start) => {
+                (self.used, self.is_over) = (start + size, false);
+                block.as_mut_ptr().cast::<u8>().wrapping_add(start)
+            }
+            _ => self.grow(size),
+        }
+    }
+
+    /// Adds a block.
+    #[cold]
+    #[inline(never)]
+    fn grow(&mut self, size: usize) -> *mut u8 {
         if self.is_over {
-            // The last block is the largest.
-            self.blocks.drain(..self.blocks.len().saturating_sub(1));
-            (self.used, self.is_over) = (0, false);
+            self.blocks.clear();
         }
         let room = self.blocks.last().map_or(0, |block| size_of_val(&**block));
-        let mut start = self.used.next_multiple_of(alignment.clamp(1, ALIGNMENT));
-        if self.blocks.is_empty() || size > room.saturating_sub(start) {
-            let wanted = size.max(2 * room).max(BLOCK);
-            self.blocks.push(vec![0; wanted.div_ceil(ALIGNMENT)].into());
-            start = 0;
-        }
-        self.used = start + size;
-        let block = self.blocks.last_mut().map_or(std::ptr::null_mut(), |block| block.as_mut_ptr());
-        block.cast::<u8>().wrapping_add(start)
+        let wanted = size.max(2 * room).max(BLOCK);
+        self.blocks.push(vec![0; wanted.div_ceil(ALIGNMENT)].into());
+        (self.used, self.is_over) = (size, false);
+        self.blocks.last_mut().map_or(std::ptr::null_mut(), |block| block.as_mut_ptr()).cast()
     }
 }
 
@@ -67,6 +77,13 @@ pub(super) fn end() {
     SCRATCH.with_borrow_mut(|scratch| scratch.is_over = true);
 }
 
+/// Memory for arguments that hosts may use as often as they like, in place of what [`cabi_realloc`] gives for one call:
+/// [`BLOCK`] bytes.
+#[unsafe(no_mangle)]
+extern "C" fn fmu_export_arguments() -> *mut u64 {
+    Vec::leak(vec![0; BLOCK / ALIGNMENT]).as_mut_ptr()
+}
+
 /// Memory for arguments, by the rules of the canonical ABI.
 ///
 /// # Safety
@@ -79,7 +96,9 @@ unsafe extern "C" fn cabi_realloc(
     size: usize,
 ) -> *mut u8 {
     let new = SCRATCH.with_borrow_mut(|scratch| scratch.allocate(size, alignment));
-    // SAFETY: the caller's promise; the new memory is not used otherwise.
-    unsafe { new.copy_from(old, old_size.min(size)) };
+    if old_size > 0 {
+        // SAFETY: the caller's promise; the new memory is not used otherwise.
+        unsafe { new.copy_from(old, old_size.min(size)) };
+    }
     new
 }

@@ -31,7 +31,7 @@ use super::scratch::{self, allocate, put};
 use crate::bound::Numbers;
 use crate::component::{Component, IntermediateUpdate, Pointer, Settings};
 use crate::entry::Entry;
-use crate::instance::component;
+use crate::instance::{component, shared};
 use crate::lifecycle::Mode;
 use crate::log::{Category, Log, Sink};
 use crate::model::{Model, ModelError};
@@ -223,8 +223,7 @@ unsafe fn get<T>(instance: Pointer, references: *const u32, n: usize, by: Get<T>
 /// As [`slice`].
 unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
     // SAFETY: the caller's promise.
-    let (c, references) = unsafe { (component(instance), slice(references, n)) };
-    c.map_or(0, |c| references.iter().map(|&r| c.model.elements(r).unwrap_or(1)).sum())
+    unsafe { shared(instance).map_or(0, |shared| (shared.hot.count)(instance, references, n)) }
 }
 
 /// Defines the functions whose arguments are those of C, from the rows of `fmi-abi`.
