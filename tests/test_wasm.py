@@ -255,15 +255,21 @@ def with_binary(fmu: Path, content: bytes, to: Path) -> Path:
     return to
 
 
-def hostile(start: str = "", instantiate: str = "", enter: str = "", path: bool = False) -> bytes:
-    """Return a component whose functions run some code; of the earlier draft if `path`."""
+def hostile(
+    start: str = "", instantiate: str = "", enter: str = "", options: str = "", path: bool = False
+) -> bytes:
+    """Return a component whose functions run some code; of the earlier draft if `path`.
+
+    `options` are further options of the canonical ABI.
+    """
     text = (ROOT / "tests" / "data" / "hostile.wat").read_text(encoding="utf-8")
     if path:
         token = '(param "instantiation-token" string)'
         text = text.replace(token, f'{token} (param "resource-path" string)')
         name = '(export "instantiate") (param'
         text = text.replace(name, f"{name} i32 i32")
-    for name, code in (("START", start), ("INSTANTIATE", instantiate), ("ENTER", enter)):
+    places = {"START": start, "INSTANTIATE": instantiate, "ENTER": enter, "OPTIONS": options}
+    for name, code in places.items():
         text = text.replace(name, code)
     return wasmtime.wat2wasm(text)
 
@@ -298,6 +304,20 @@ TEXT = "(i32.const 8) (i32.const 1)"
             "(drop (call $random))",
             "fmi3ExitInitializationMode is missing from the component",
         ),
+        (
+            "enter",
+            "(i32.store (i32.const 16) (i32.const 99)) (call $arguments (i32.const 12))"
+            "(if (i32.load (i32.const 16)) (then unreachable))",
+            "fmi3ExitInitializationMode is missing from the component",
+        ),
+        (
+            "enter",
+            "(i32.store (i32.const 32) (i32.const 99))"
+            "(call $write (i32.const 0) (i32.const 8) (i32.const 5) (i32.const 32))"
+            "(if (i32.load8_u (i32.const 32)) (then unreachable))",
+            "fmi3ExitInitializationMode is missing from the component",
+        ),
+        ("options", "string-encoding=utf16", "texts that are not UTF-8"),
     ],
 )
 def test_a_hostile_component_ends_with_a_message(place, code, reason, components, tmp_path):

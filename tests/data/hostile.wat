@@ -9,6 +9,14 @@
   (import "wasi:random/random@0.2.0" (instance $random
     (export "get-random-u64" (func (result u64)))))
   (import "wasi:clocks/monotonic-clock@0.2.6" (instance $clock (export "now" (func (result u64)))))
+  (import "wasi:cli/environment@0.2.0" (instance $environment
+    (export "get-arguments" (func (result (list string))))))
+  (import "wasi:io/streams@0.2.0" (instance $streams
+    (export "output-stream" (type $stream (sub resource)))
+    (type (enum "failed" "closed"))
+    (export "stream-error" (type $error (eq 1)))
+    (export "[method]output-stream.write" (func (param "self" (borrow $stream))
+      (param "contents" (list u8)) (result (result (error $error)))))))
   (core func $random (canon lower (func $random "get-random-u64")))
   (core func $now (canon lower (func $clock "now")))
   (core module $memory
@@ -20,12 +28,17 @@
   (type $instance (resource (rep i32)))
   (core func $new (canon resource.new $instance))
   (core func $log (canon lower (func $callbacks "log-message") (memory $m)))
+  (core func $arguments
+    (canon lower (func $environment "get-arguments") (memory $m) (realloc $realloc)))
+  (core func $write (canon lower (func $streams "[method]output-stream.write") (memory $m)))
   (core module $code
     (import "" "memory" (memory 1))
     (import "" "new" (func $new (param i32) (result i32)))
     (import "" "log" (func $log (param i32 i32 i32 i32 i32 i32 i32)))
     (import "" "random" (func $random (result i64)))
     (import "" "now" (func $now (result i64)))
+    (import "" "arguments" (func $arguments (param i32)))
+    (import "" "write" (func $write (param i32 i32 i32 i32)))
     (table $table 1 funcref)
     (func (export "instantiate") (param i32 i32 i32 i32 i32 i32 i32 i32 i32 i32) (result i32)
       INSTANTIATE
@@ -39,12 +52,13 @@
     (start $start))
   (core instance $code (instantiate $code (with "" (instance
     (export "memory" (memory $m)) (export "new" (func $new)) (export "log" (func $log))
-    (export "random" (func $random)) (export "now" (func $now))))))
+    (export "random" (func $random)) (export "now" (func $now))
+    (export "arguments" (func $arguments)) (export "write" (func $write))))))
   (func $instantiate (param "instance-name" string) (param "instantiation-token" string)
     (param "visible" bool) (param "logging-on" bool) (param "event-mode-used" bool)
     (param "early-return-allowed" bool) (param "required-intermediate-variables" (list u32))
     (result (option (own $instance)))
-    (canon lift (core func $code "instantiate") (memory $m) (realloc (core func $realloc))))
+    (canon lift (core func $code "instantiate") OPTIONS (memory $m) (realloc (core func $realloc))))
   (func $enter (param "self" (borrow $instance)) (param "tolerance" (option f64))
     (param "start-time" f64) (param "stop-time" (option f64)) (result $status)
     (canon lift (core func $code "enter")))

@@ -5,85 +5,27 @@
 //! as slices. It calls the method of the component that performs the operation. Each instance has a component of its
 //! own, with its own memory.
 
+mod abi;
+mod host;
+mod link;
+
 use std::ffi::{CStr, CString, c_int, c_void};
 use std::fs;
-use std::path::{Component as Part, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::ptr;
 use std::sync::{Once, OnceLock};
 use std::time::Duration;
 
 use fmi_abi::fmi3::*;
 use fmi_abi::fmi3_functions;
-use wasmtime::component::{
-    Component, ComponentNamedList, ComponentType, Func, Lift, Linker, Lower, Resource, ResourceAny,
-    ResourceType, Type, TypedFunc, Val, types::ComponentItem,
-};
-use wasmtime::{Config, Engine, Store, StoreContextMut, StoreLimits, StoreLimitsBuilder, Trap};
+use wasmtime::{Config, Engine, Module, Store, StoreLimits, StoreLimitsBuilder, Trap};
 
+use self::abi::{Answer, Fault, Given};
+use self::link::{Function, Linked, Parts};
 use crate::instance::{Instantiation, State as Saved, Treatment};
 use crate::library::Kind;
-use crate::logger::{self, Intermediate, Logged};
+use crate::logger::{self, Logged};
 use crate::outcome::{Cause, Failure, Result, Status};
-
-/// `status` of the draft.
-#[allow(dead_code, reason = "only the component makes most of them")]
-#[derive(Clone, Copy, PartialEq, ComponentType, Lift, Lower)]
-#[component(enum)]
-#[repr(u8)]
-enum State {
-    #[component(name = "ok")]
-    Ok,
-    #[component(name = "warning")]
-    Warning,
-    #[component(name = "discard")]
-    Discard,
-    #[component(name = "error")]
-    Error,
-    #[component(name = "fatal")]
-    Fatal,
-}
-
-#[derive(ComponentType, Lift)]
-#[component(record)]
-struct DoStepResult {
-    #[component(name = "last-successful-time")]
-    last_successful_time: f64,
-    #[component(name = "event-handling-needed")]
-    event_handling_needed: bool,
-    #[component(name = "terminate-simulation")]
-    terminate: bool,
-    #[component(name = "early-return")]
-    early_return: bool,
-}
-
-#[derive(ComponentType, Lift)]
-#[component(record)]
-struct DiscreteStatesInfo {
-    #[component(name = "new-discrete-states-needed")]
-    again: bool,
-    #[component(name = "terminate-simulation")]
-    terminate: bool,
-    #[component(name = "nominals-of-continuous-states-changed")]
-    nominals_changed: bool,
-    #[component(name = "values-of-continuous-states-changed")]
-    states_changed: bool,
-    #[component(name = "next-event-time-defined")]
-    next_event_defined: bool,
-    #[component(name = "next-event-time")]
-    next_event: f64,
-}
-
-#[derive(ComponentType, Lift)]
-#[component(record)]
-struct CompletedStepResult {
-    #[component(name = "enter-event-mode")]
-    enter_event_mode: bool,
-    #[component(name = "terminate-simulation")]
-    terminate: bool,
-}
-
-/// What a method returns that has results.
-type Answer<T> = std::result::Result<T, State>;
 
 /// What is returned besides the statuses of the standard.
 const TRAPPED: fmi3Status = fmi3Status(-1);
@@ -104,8 +46,8 @@ pub(crate) fn cause(status: c_int) -> Option<Cause> {
 
 /// A compiled component.
 pub(crate) struct Compiled {
-    component: Component,
-    linker: Linker<Data>,
+    engine: &'static Engine,
+    parts: Parts,
 }
 
 /// What the functions that a component imports need.
@@ -120,8 +62,14 @@ struct Data {
 /// An instance of a component.
 pub(crate) struct Instance {
     store: Store<Data>,
-    methods: Methods,
-    handle: ResourceAny,
+    /// By operation.
+    methods: Vec<Method>,
+    /// What the component calls the instance.
+    handle: u32,
+    /// The function that ends the instance.
+    end: Option<Function>,
+    /// Whether a call has trapped, so that there are no more calls.
+    is_over: bool,
     /// The time that a call has, in periods of [`TICK`].
     ticks: u64,
     limit: Option<Duration>,
@@ -129,6 +77,9 @@ pub(crate) struct Instance {
     texts: Vec<CString>,
     bytes: Vec<Vec<u8>>,
 }
+
+/// Its methods, what the component calls it, and the function that ends it.
+type Made = (Vec<Method>, u32, Option<Function>);
 
 /// Interval at which the time of calls is measured.
 const TICK: Duration = Duration::from_millis(10);
@@ -167,10 +118,7 @@ impl Compiled {
             if !bytes.starts_with(b"\0asm\x0d\0\x01\0") {
                 return Err(wasmtime::Error::msg("it is not a WebAssembly component"));
             }
-            let component = compiled(engine, &bytes)?;
-            let mut linker = linker(engine)?;
-            grant_nothing(&mut linker, &component)?;
-            Ok(Self { component, linker })
+            Ok(Self { engine, parts: Parts::of(&bytes, |module| compiled(engine, module))? })
         };
         load().map_err(|error| format!("{error:#}"))
     }
@@ -197,25 +145,26 @@ impl Compiled {
             resources: arguments.resources.into(),
             limits: limits.build(),
         };
-        let mut store = Store::new(self.component.engine(), data);
+        let mut store = Store::new(self.engine, data);
         store.limiter(|data| &mut data.limits);
         let limit = arguments.limits.call;
         let ticks = limit.map_or(FOREVER, |limit| {
-            tick(self.component.engine());
+            tick(self.engine);
             (limit.div_duration_f64(TICK) as u64).clamp(1, FOREVER)
         });
         store.set_epoch_deadline(ticks);
         match self.create(&mut store, arguments) {
-            Ok(Some((methods, handle))) => {
-                let (texts, bytes) = Default::default();
-                let instance = Instance { store, methods, handle, ticks, limit, texts, bytes };
+            Ok(Some((methods, handle, end))) => {
+                let (texts, bytes, is_over) = Default::default();
+                let instance =
+                    Instance { store, methods, handle, end, is_over, ticks, limit, texts, bytes };
                 Ok(Some(Box::new(instance)))
             }
-            Ok(None) => Ok(None),
-            Err(error) => {
+            Err(Fault::Trap(error)) => {
                 store.data().log_fatal(&error, limit);
                 Err(Failure::new(function, Cause::Trapped))
             }
+            Ok(None) | Err(Fault::Status(_)) => Ok(None),
         }
     }
 
@@ -223,61 +172,63 @@ impl Compiled {
         &self,
         store: &mut Store<Data>,
         arguments: &Instantiation<'_>,
-    ) -> wasmtime::Result<Option<(Methods, ResourceAny)>> {
+    ) -> std::result::Result<Option<Made>, Fault> {
         let kind = name(arguments.kind);
-        let instance = self.linker.instantiate(&mut *store, &self.component)?;
+        let linked = Linked::new(&self.parts, store)?;
         let interface = format!("{PACKAGE}/{kind}@3.0.0");
-        let interface = instance.get_export_index(&mut *store, None, &interface);
-        let mut find = |prefix: &str, method: &str| {
-            let method = format!("[{prefix}]{kind}-instance.{method}");
-            let index = instance.get_export_index(&mut *store, interface.as_ref(), &method)?;
-            instance.get_func(&mut *store, index)
-        };
-        let create = find("static", &format!("instantiate-{kind}"));
+        let create = format!("[static]{kind}-instance.instantiate-{kind}");
+        let create = linked.find(store, &interface, &create)?;
         let create = create.ok_or_else(|| wasmtime::Error::msg(format!("it has no {kind}")))?;
-        let methods = Methods::find(|operation| find("method", &operation.replace('_', "-")));
+        let methods = OPERATIONS.iter().map(|operation| {
+            let method = format!("[method]{kind}-instance.{}", operation.replace('_', "-"));
+            let function = linked.find(store, &interface, &method)?;
+            Ok(Method { function, is_checked: false })
+        });
+        let methods = methods.collect::<wasmtime::Result<_>>()?;
+        let end = linked.find(store, &interface, &format!("{kind}-instance"))?;
         let Instantiation { name, guid, logging_on, event_mode_used, .. } = *arguments;
         let (early, variables) = (arguments.early_return_allowed, arguments.intermediate_variables);
+        let (mut types, mut given) = ("string,string", vec![Given::text(name), Given::text(guid)]);
         // An earlier draft, as in OpenModelica, has a path of resources, which components cannot read.
-        let has_path = matches!(create.params(&*store).get(2), Some((_, Type::String)));
-        let (handle,): (Option<ResourceAny>,) = match (arguments.kind, has_path) {
-            (Kind::ModelExchange, false) => {
-                let given = (name, guid, false, logging_on);
-                create.typed(&*store)?.call(&mut *store, given)?
-            }
-            (Kind::ModelExchange, true) => {
-                let given = (name, guid, "", false, logging_on);
-                create.typed(&*store)?.call(&mut *store, given)?
-            }
-            (Kind::CoSimulation, false) => {
-                let given = (name, guid, false, logging_on, event_mode_used, early, variables);
-                create.typed(&*store)?.call(&mut *store, given)?
-            }
-            (Kind::CoSimulation, true) => {
-                let given = (name, guid, "", false, logging_on, event_mode_used, early, variables);
-                create.typed(&*store)?.call(&mut *store, given)?
-            }
-        };
-        create.post_return(store)?;
-        Ok(handle.map(|handle| (methods, handle)))
+        if create.signature.starts_with("string,string,string") {
+            types = "string,string,string";
+            given.push(Given::text(""));
+        }
+        given.extend([false.into(), logging_on.into()]);
+        let mut more = "bool,bool";
+        if arguments.kind == Kind::CoSimulation {
+            more = "bool,bool,bool,bool,list<u32>";
+            given.extend([event_mode_used.into(), early.into(), Given::list(variables)]);
+        }
+        if *create.signature != *format!("{types},{more}->option<own>") {
+            return Err(mistyped().into());
+        }
+        // SAFETY: the types were checked.
+        let handle = unsafe { abi::call(store, &create, None, &given, |answer| answer.option()) };
+        Ok(handle?.map(|handle| (methods, handle, end)))
     }
 
     /// The result of `fmi3GetVersion`.
     pub(crate) fn version(&self) -> Result<String> {
-        let get = || -> wasmtime::Result<String> {
+        let get = || {
             let (resources, limits) = (PathBuf::new(), StoreLimits::default());
             let data = Data { callbacks: 0, has_logger: false, resources, limits };
-            let mut store = Store::new(self.component.engine(), data);
+            let mut store = Store::new(self.engine, data);
             store.set_epoch_deadline(FOREVER);
-            let instance = self.linker.instantiate(&mut store, &self.component)?;
-            let interface = self.component.get_export_index(None, "fmi:fmi3/common@3.0.0");
-            let index = self.component.get_export_index(interface.as_ref(), "get-version");
-            let index = index.ok_or_else(|| wasmtime::Error::msg("it is missing"))?;
-            let get = instance.get_typed_func::<(), (String,)>(&mut store, index)?;
-            Ok(get.call(&mut store, ())?.0)
+            let linked = Linked::new(&self.parts, &mut store)?;
+            let get = linked.find(&mut store, "fmi:fmi3/common@3.0.0", "get-version")?;
+            let get = get.filter(|get| &*get.signature == "->string").ok_or_else(mistyped)?;
+            // SAFETY: the types were checked.
+            unsafe {
+                abi::call(&mut store, &get, None, &[], |answer| Ok(answer.text()?.to_owned()))
+            }
         };
-        get().map_err(|_| Failure::new("fmi3GetVersion", Cause::Trapped))
+        get().map_err(|_: Fault| Failure::new("fmi3GetVersion", Cause::Trapped))
     }
+}
+
+fn mistyped() -> wasmtime::Error {
+    wasmtime::Error::msg("a function is missing, or is not of its type")
 }
 
 const PACKAGE: &str = "fmi:fmi3";
@@ -288,8 +239,8 @@ fn name(kind: Kind) -> &'static str {
     }
 }
 
-/// Compiles a component. The compiled code is kept in a file that is named by the hash of the component.
-fn compiled(engine: &Engine, bytes: &[u8]) -> wasmtime::Result<Component> {
+/// Compiles a module. The compiled code is kept in a file that is named by the hash of the module.
+fn compiled(engine: &Engine, bytes: &[u8]) -> wasmtime::Result<Module> {
     use sha2::{Digest, Sha256};
     use std::hash::{DefaultHasher, Hash, Hasher};
     let mut settings = DefaultHasher::new();
@@ -300,16 +251,16 @@ fn compiled(engine: &Engine, bytes: &[u8]) -> wasmtime::Result<Component> {
     if let Some(file) = file.as_ref().filter(|file| file.exists()) {
         // SAFETY: only this function writes to the folder, which is the user's own, and files appear in it when
         // they are complete.
-        if let Ok(component) = unsafe { Component::deserialize_file(engine, file) } {
-            return Ok(component);
+        if let Ok(module) = unsafe { Module::deserialize_file(engine, file) } {
+            return Ok(module);
         }
     }
-    let component = Component::from_binary(engine, bytes)?;
-    if let (Some(file), Ok(code)) = (file, component.serialize()) {
+    let module = Module::from_binary(engine, bytes)?;
+    if let (Some(file), Ok(code)) = (file, module.serialize()) {
         // A cache that cannot be written costs time only.
         let _ = keep(&file, &code);
     }
-    Ok(component)
+    Ok(module)
 }
 
 /// The folder of compiled components.
@@ -336,155 +287,6 @@ fn keep(file: &Path, code: &[u8]) -> std::io::Result<()> {
     })
 }
 
-const PRINTING: [&str; 2] =
-    ["[method]output-stream.write", "[method]output-stream.blocking-write-and-flush"];
-
-/// Lets a component import WASI, as one does that was compiled for `wasm32-wasip2`. It gets an environment without
-/// anything in it, and what it prints becomes messages. A call of anything else is a trap.
-fn grant_nothing(linker: &mut Linker<Data>, component: &Component) -> wasmtime::Result<()> {
-    let (of, engine) = (component.component_type(), component.engine());
-    for (name, item) in of.imports(engine) {
-        let ComponentItem::ComponentInstance(interface) = item else { continue };
-        if name.starts_with("fmi:fmi3/") {
-            continue;
-        }
-        if !name.starts_with("wasi:") {
-            return Err(wasmtime::Error::msg(format!(
-                "it imports {name}, expected imports of {PACKAGE} and of WASI only"
-            )));
-        }
-        let mut linker = linker.instance(name)?;
-        for (function, item) in interface.exports(engine) {
-            match item {
-                ComponentItem::Resource(_) => {
-                    linker.resource(function, ResourceType::host::<()>(), |_, _| Ok(()))?;
-                }
-                ComponentItem::ComponentFunc(_) if PRINTING.contains(&function) => {
-                    linker.func_wrap(function, print)?;
-                }
-                ComponentItem::ComponentFunc(_) => {
-                    let refusal = format!("it calls {function} of {name}, which is not granted");
-                    let function = function.to_owned();
-                    linker.func_new(&function.clone(), move |mut of, given, results| {
-                        for value in given {
-                            if let Val::Resource(handle) = value {
-                                handle.resource_drop(&mut of)?;
-                            }
-                        }
-                        let result = nothing(&function, given, of)?;
-                        let result = result.ok_or_else(|| wasmtime::Error::msg(refusal.clone()))?;
-                        // The component may declare another number of results, as its types are its own.
-                        results.iter_mut().for_each(|to| *to = result.clone());
-                        Ok(())
-                    })?;
-                }
-                _ => {}
-            }
-        }
-    }
-    Ok(())
-}
-
-/// What a function of WASI returns to a component that is granted nothing; `None` if that cannot be said.
-fn nothing(
-    function: &str,
-    given: &[Val],
-    of: StoreContextMut<'_, Data>,
-) -> wasmtime::Result<Option<Val>> {
-    Ok(Some(match (function, given) {
-        ("get-arguments" | "get-environment" | "get-directories", _) => Val::List(Vec::new()),
-        ("initial-cwd", _) => Val::Option(None),
-        ("get-terminal-stdin" | "get-terminal-stdout" | "get-terminal-stderr", _) => {
-            Val::Option(None)
-        }
-        // Random numbers are 0, so that a run gives the same results each time.
-        ("insecure-seed", _) => Val::Tuple(vec![Val::U64(0); 2]),
-        ("get-random-u64" | "get-insecure-random-u64", _) => Val::U64(0),
-        ("get-random-bytes" | "get-insecure-random-bytes", [Val::U64(n @ ..4096)]) => {
-            Val::List(vec![Val::U8(0); *n as usize])
-        }
-        ("get-stdout" | "get-stderr" | "[method]output-stream.subscribe", _) => {
-            Val::Resource(Resource::<()>::new_own(0).try_into_resource_any(of)?)
-        }
-        ("[method]output-stream.check-write", _) => Val::Result(Ok(Some(Box::new(Val::U64(4096))))),
-        (
-            "[method]output-stream.flush"
-            | "[method]output-stream.blocking-flush"
-            | "[method]pollable.block",
-            _,
-        ) => Val::Result(Ok(None)),
-        _ => return Ok(None),
-    }))
-}
-
-/// `stream-error` of WASI, which no call returns.
-#[allow(dead_code, reason = "only its type is needed")]
-#[derive(ComponentType, Lower)]
-#[component(variant)]
-enum StreamError {
-    #[component(name = "last-operation-failed")]
-    Failed(Resource<()>),
-    #[component(name = "closed")]
-    Closed,
-}
-
-/// Makes what a component prints a message.
-#[allow(clippy::type_complexity, reason = "arguments and results are tuples")]
-fn print(
-    of: StoreContextMut<'_, Data>,
-    (_, text): (Resource<()>, Vec<u8>),
-) -> wasmtime::Result<(std::result::Result<(), StreamError>,)> {
-    let text = String::from_utf8_lossy(&text).trim_end().to_owned();
-    let (instance, category) = (None, Some("output".to_owned()));
-    of.data().log(Logged { instance, status: Status::Ok, category, text });
-    Ok((Ok(()),))
-}
-
-/// The functions that a component may import.
-fn linker(engine: &Engine) -> wasmtime::Result<Linker<Data>> {
-    type Context<'a> = StoreContextMut<'a, Data>;
-    let mut linker = Linker::new(engine);
-    let mut callbacks = linker.instance("fmi:fmi3/callbacks@3.0.0")?;
-    callbacks.func_wrap(
-        "log-message",
-        |of: Context<'_>, (name, status, category, text): (String, State, String, String)| {
-            let status = Status::from(c_int::from(status as u8));
-            let (instance, category) = (Some(name), Some(category));
-            of.data().log(Logged { instance, status, category, text });
-            Ok(())
-        },
-    )?;
-    for name in ["clock-update", "lock-preemption", "unlock-preemption"] {
-        callbacks.func_wrap(name, |_: Context<'_>, (): ()| Ok(()))?;
-    }
-    let mut updates = linker.instance("fmi:fmi3/intermediate-update-callbacks@3.0.0")?;
-    updates.func_wrap(
-        "intermediate-update",
-        |of: Context<'_>, flags: (f64, bool, bool, bool, bool)| {
-            let (time, set_requested, get_allowed, step_finished, can_return_early) = flags;
-            let update =
-                Intermediate { time, set_requested, get_allowed, step_finished, can_return_early };
-            let request =
-                logger::update_of(ptr::without_provenance_mut(of.data().callbacks), update);
-            Ok(((request.is_some(), request.unwrap_or_default()),))
-        },
-    )?;
-    let mut resources = linker.instance("fmi:fmi3/resource-dir-callbacks@3.0.0")?;
-    resources.func_wrap("read-file", |of: Context<'_>, (path,): (String,)| {
-        Ok((read(&of.data().resources, &path),))
-    })?;
-    Ok(linker)
-}
-
-/// Reads a file in the folder of resources.
-fn read(folder: &Path, path: &str) -> std::result::Result<Vec<u8>, String> {
-    let is_inside = Path::new(path).components().all(|part| matches!(part, Part::Normal(_)));
-    match is_inside {
-        true => fs::read(folder.join(path)).map_err(|error| format!("{path}: {error}")),
-        false => Err(format!("{path} is not in the folder of resources")),
-    }
-}
-
 impl Data {
     fn log(&self, message: Logged) {
         if self.has_logger {
@@ -508,77 +310,65 @@ impl Data {
 
 /// A method of a component.
 struct Method {
-    function: Option<Func>,
+    function: Option<Function>,
     /// Whether it has the types that it is called with.
     is_checked: bool,
 }
 
 impl Instance {
-    /// Calls a method.
-    fn call<P, R>(
+    /// Calls a method of a type that returns a status.
+    #[inline(always)]
+    fn order(&mut self, operation: Operation, of: &'static str, given: &[Given<'_>]) -> Called {
+        self.call(operation, of, given, |answer| answer.status())
+    }
+
+    /// Calls a method of a type.
+    #[inline(always)]
+    fn call<R>(
         &mut self,
-        method: fn(&mut Methods) -> &mut Method,
-        arguments: P,
-    ) -> Called<R::Results>
-    where
-        P: ComponentNamedList + Lower,
-        R: Returned,
-        (R,): ComponentNamedList + Lift,
-    {
-        let method = method(&mut self.methods);
-        let function = method.function.ok_or(TYPE)?;
+        operation: Operation,
+        of: &'static str,
+        given: &[Given<'_>],
+        read: impl FnOnce(Answer<'_>) -> std::result::Result<R, Fault>,
+    ) -> Called<R> {
+        let method = &mut self.methods[operation as usize];
+        let function = method.function.as_ref().ok_or(TYPE)?;
         if !method.is_checked {
-            function.typed::<P, (R,)>(&self.store).map_err(|_| TYPE)?;
+            if &*function.signature != of {
+                return Err(TYPE);
+            }
             method.is_checked = true;
         }
-        // SAFETY: the types were checked, and each method is called by one function below.
-        let function = unsafe { TypedFunc::<P, (R,)>::new_unchecked(function) };
+        if self.is_over {
+            return Err(TRAPPED);
+        }
         self.store.set_epoch_deadline(self.ticks);
-        let called = function.call(&mut self.store, arguments).and_then(|(result,)| {
-            function.post_return(&mut self.store)?;
-            Ok(result)
-        });
-        let result = called.map_err(|error| {
-            self.store.data().log_fatal(&error, self.limit);
-            TRAPPED
-        })?;
-        result.results()
+        // SAFETY: the types were checked, and each method is called by one function below.
+        let called =
+            unsafe { abi::call(&mut self.store, function, Some(self.handle), given, read) };
+        called.map_err(|fault| match fault {
+            Fault::Status(status) => status,
+            Fault::Trap(error) => {
+                self.store.data().log_fatal(&error, self.limit);
+                self.is_over = true;
+                TRAPPED
+            }
+        })
     }
 }
 
 type Called<T = ()> = std::result::Result<T, fmi3Status>;
 
-/// What a method returns: a status, or its results.
-trait Returned {
-    type Results;
-
-    fn results(self) -> Called<Self::Results>;
+/// A truth value of a record.
+fn truth(byte: u8) -> fmi3Boolean {
+    (byte != 0).into()
 }
 
-impl Returned for State {
-    type Results = ();
-
-    fn results(self) -> Called {
-        match self {
-            Self::Ok => Ok(()),
-            state => Err(fmi3Status(state as c_int)),
-        }
-    }
+fn status(called: Called) -> fmi3Status {
+    called.err().unwrap_or(fmi3OK)
 }
 
-impl<T> Returned for Answer<T> {
-    type Results = T;
-
-    fn results(self) -> Called<T> {
-        self.map_err(|state| match state {
-            // Without results.
-            State::Ok | State::Warning => fmi3Error,
-            state => fmi3Status(state as c_int),
-        })
-    }
-}
-
-/// Copies the results of a method.
+/// Copies values.
 fn copy<T: Copy>(values: &[T], to: &mut [T]) -> Called {
     if values.len() != to.len() {
         return Err(LENGTH);
@@ -587,26 +377,17 @@ fn copy<T: Copy>(values: &[T], to: &mut [T]) -> Called {
     Ok(())
 }
 
-fn status(called: Called) -> fmi3Status {
-    called.err().unwrap_or(fmi3OK)
-}
-
 /// Defines the methods, in the forms that the rows tell. The others follow.
 macro_rules! methods {
     (
         Free { $($_0:tt)* }
         $($_1:ident { $($name:ident $arguments:tt => $operation:ident in $($states:ident)|+;)* })*
     ) => {
-        #[allow(dead_code, reason = "the host does not call all of them")]
-        struct Methods { $($($operation: Method,)*)* }
+        #[allow(non_camel_case_types, dead_code, reason = "the host does not call all of them")]
+        #[derive(Clone, Copy)]
+        enum Operation { $($($operation),*),* }
 
-        impl Methods {
-            fn find(mut find: impl FnMut(&str) -> Option<Func>) -> Self {
-                Self {
-                    $($($operation: Method { function: find(stringify!($operation)), is_checked: false },)*)*
-                }
-            }
-        }
+        const OPERATIONS: &[&str] = &[$($(stringify!($operation)),*),*];
 
         #[allow(dead_code, reason = "as above")]
         impl Instance {
@@ -621,9 +402,9 @@ macro_rules! method {
     (fmi3GetString $($rest:tt)*) => {};
     (fmi3SetString $($rest:tt)*) => {};
     ($name:ident(
-        references: [in u32; n], n: [len], values: [out $type:ty; n_values], n_values: [len]
+        references: [in u32; n], n: [len], values: [out $type:ident; n_values], n_values: [len]
     ) $operation:ident) => {
-        method!(@get $operation(references: &[u32]) $type);
+        method!(@get $operation(references: u32) $type);
     };
     ($name:ident(values: [out f64; n], n: [len]) $operation:ident) => {
         method!(@get $operation() f64);
@@ -632,37 +413,68 @@ macro_rules! method {
         unknowns: [in u32; $_0:ident], $_1:ident: [len], knowns: [in u32; $_2:ident], $_3:ident: [len],
         seed: [in f64; $_4:ident], $_5:ident: [len], sensitivity: [out f64; $_6:ident], $_7:ident: [len]
     ) $operation:ident) => {
-        method!(@get $operation(unknowns: &[u32], knowns: &[u32], seed: &[f64]) f64);
+        method!(@get $operation(unknowns: u32, knowns: u32, seed: f64) f64);
     };
-    (@get $operation:ident($($arg:ident: $of:ty),*) $type:ty) => {
-        pub(crate) fn $operation(&mut self, $($arg: $of,)* values: &mut [$type]) -> fmi3Status {
-            let got = self.call::<_, Answer<Vec<$type>>>(|m| &mut m.$operation, (self.handle, $($arg),*));
-            status(got.and_then(|got| copy(&got, values)))
+    (@get $operation:ident($($arg:ident: $of:ident),*) $type:ident) => {
+        pub(crate) fn $operation(&mut self, $($arg: &[$of],)* values: &mut [$type]) -> fmi3Status {
+            let of = concat!(
+                "borrow" $(, ",list<", wit!($of), ">")*, "->result<list<", wit!($type), ">,status>"
+            );
+            let given = [$(Given::list($arg)),*];
+            status(self.call(Operation::$operation, of, &given, |answer| answer.copy(values, LENGTH)))
         }
     };
     ($name:ident(
-        references: [in u32; n], n: [len], values: [in $type:ty; n_values], n_values: [len]
+        references: [in u32; n], n: [len], values: [in $type:ident; n_values], n_values: [len]
     ) $operation:ident) => {
-        method!(@plain $operation(references: &[u32], values: &[$type]));
+        method!(@set $operation(references: u32, values: $type));
     };
     ($name:ident(states: [in f64; n], n: [len]) $operation:ident) => {
-        method!(@plain $operation(states: &[f64]));
+        method!(@set $operation(states: f64));
     };
-    ($name:ident($($arg:ident: f64)?) $operation:ident) => {
-        method!(@plain $operation($($arg: f64)?));
+    ($name:ident() $operation:ident) => {
+        method!(@set $operation());
     };
-    (@plain $operation:ident($($arg:ident: $of:ty),*)) => {
-        pub(crate) fn $operation(&mut self $(, $arg: $of)*) -> fmi3Status {
-            status(self.call::<_, State>(|m| &mut m.$operation, (self.handle, $($arg),*)))
+    (@set $operation:ident($($arg:ident: $of:ident),*)) => {
+        pub(crate) fn $operation(&mut self $(, $arg: &[$of])*) -> fmi3Status {
+            let of = concat!("borrow" $(, ",list<", wit!($of), ">")*, "->status");
+            let given = [$(Given::list($arg)),*];
+            status(self.order(Operation::$operation, of, &given))
+        }
+    };
+    ($name:ident($arg:ident: f64) $operation:ident) => {
+        pub(crate) fn $operation(&mut self, $arg: f64) -> fmi3Status {
+            let given = [Given::Float($arg)];
+            status(self.order(Operation::$operation, "borrow,f64->status", &given))
         }
     };
     ($name:ident(n: [out usize]) $operation:ident) => {
         pub(crate) fn $operation(&mut self, n: &mut usize) -> fmi3Status {
-            let got = self.call::<_, Answer<u64>>(|m| &mut m.$operation, (self.handle,));
-            status(got.map(|got| *n = usize::try_from(got).unwrap_or(usize::MAX)))
+            let of = "borrow->result<u64,status>";
+            let got = self.call(Operation::$operation, of, &[], |answer| answer.result(8));
+            status(got.map(|got| *n = usize::try_from(u64::from_le_bytes(got)).unwrap_or(usize::MAX)))
         }
     };
     ($($other:tt)*) => {};
+}
+
+/// The name of a type in WIT.
+macro_rules! wit {
+    (i8) => {
+        "s8"
+    };
+    (i16) => {
+        "s16"
+    };
+    (i32) => {
+        "s32"
+    };
+    (i64) => {
+        "s64"
+    };
+    ($type:ident) => {
+        stringify!($type)
+    };
 }
 
 fmi3_functions!(methods!);
@@ -671,14 +483,20 @@ fmi3_functions!(methods!);
 macro_rules! truth {
     ($($get:ident $set:ident;)*) => { $(
         pub(crate) fn $get(&mut self, references: &[u32], values: &mut [u8]) -> fmi3Status {
-            let got = self.call::<_, Answer<Vec<bool>>>(|m| &mut m.$get, (self.handle, references));
-            status(got.and_then(|got| copy(&Vec::from_iter(got.into_iter().map(u8::from)), values)))
+            let given = [Given::list(references)];
+            let of = "borrow,list<u32>->result<list<bool>,status>";
+            status(self.call(Operation::$get, of, &given, |answer| {
+                answer.copy(values, LENGTH)?;
+                values.iter_mut().for_each(|value| *value = (*value != 0).into());
+                Ok(())
+            }))
         }
 
         pub(crate) fn $set(&mut self, references: &[u32], values: &[u8]) -> fmi3Status {
-            let values = Vec::from_iter(values.iter().map(|value| *value != 0));
-            let given = (self.handle, references, values.as_slice());
-            status(self.call::<_, State>(|m| &mut m.$set, given))
+            let values = Vec::from_iter(values.iter().map(|value| u8::from(*value != 0)));
+            let given =
+                [Given::list(references), Given::list(&values)];
+            status(self.order(Operation::$set, "borrow,list<u32>,list<bool>->status", &given))
         }
     )* };
 }
@@ -697,8 +515,11 @@ impl Instance {
     }
 
     pub(crate) fn set_debug_logging(&mut self, on: bool, categories: &[fmi3String]) -> fmi3Status {
-        let given = (self.handle, on, &*strings(categories));
-        status(self.call::<_, State>(|m| &mut m.set_debug_logging, given))
+        let texts = strings(categories);
+        let texts = Vec::from_iter(texts.iter().map(String::as_bytes));
+        let given = [on.into(), Given::Lists(&texts)];
+        let of = "borrow,bool,list<string>->status";
+        status(self.order(Operation::set_debug_logging, of, &given))
     }
 
     pub(crate) fn enter_initialization_mode(
@@ -710,22 +531,32 @@ impl Instance {
         stop: f64,
     ) -> fmi3Status {
         let (tolerance, stop) = (has_tolerance.then_some(tolerance), has_stop.then_some(stop));
-        let given = (self.handle, tolerance, start, stop);
-        status(self.call::<_, State>(|m| &mut m.enter_initialization_mode, given))
+        let ([a, b], [c, d]) = (Given::option(tolerance), Given::option(stop));
+        let given = [a, b, Given::Float(start), c, d];
+        let of = "borrow,option<f64>,f64,option<f64>->status";
+        status(self.order(Operation::enter_initialization_mode, of, &given))
     }
 
     pub(crate) fn get_string(&mut self, r: &[u32], values: &mut [fmi3String]) -> fmi3Status {
-        let got = self.call::<_, Answer<Vec<String>>>(|m| &mut m.get_string, (self.handle, r));
+        let of = "borrow,list<u32>->result<list<string>,status>";
+        let given = [Given::list(r)];
+        let got = self.call(Operation::get_string, of, &given, |answer| {
+            let texts = answer.lists()?.into_iter();
+            let texts = texts.map(|bytes| Ok(CString::new(abi::text(bytes)?)));
+            Ok(texts.collect::<wasmtime::Result<std::result::Result<Vec<_>, _>>>()?)
+        });
+        let got = got.and_then(|texts| texts.map_err(|_| ZERO_BYTE));
         status(got.and_then(|texts| {
-            let texts = texts.into_iter().map(CString::new);
-            self.texts = texts.collect::<std::result::Result<_, _>>().map_err(|_| ZERO_BYTE)?;
+            self.texts = texts;
             copy(&Vec::from_iter(self.texts.iter().map(|text| text.as_ptr())), values)
         }))
     }
 
     pub(crate) fn set_string(&mut self, r: &[u32], values: &[fmi3String]) -> fmi3Status {
-        let given = (self.handle, r, &*strings(values));
-        status(self.call::<_, State>(|m| &mut m.set_string, given))
+        let texts = strings(values);
+        let texts = Vec::from_iter(texts.iter().map(String::as_bytes));
+        let given = [Given::list(r), Given::Lists(&texts)];
+        status(self.order(Operation::set_string, "borrow,list<u32>,list<string>->status", &given))
     }
 
     pub(crate) fn get_binary(
@@ -734,7 +565,11 @@ impl Instance {
         sizes: &mut [usize],
         values: &mut [fmi3Binary],
     ) -> fmi3Status {
-        let got = self.call::<_, Answer<Vec<Vec<u8>>>>(|m| &mut m.get_binary, (self.handle, r));
+        let of = "borrow,list<u32>->result<list<list<u8>>,status>";
+        let given = [Given::list(r)];
+        let got = self.call(Operation::get_binary, of, &given, |answer| {
+            Ok(answer.lists()?.into_iter().map(<[u8]>::to_vec).collect())
+        });
         status(got.and_then(|bytes| {
             self.bytes = bytes;
             copy(&Vec::from_iter(self.bytes.iter().map(Vec::len)), sizes)?;
@@ -753,8 +588,9 @@ impl Instance {
             // SAFETY: the pointers of the host are valid for the sizes.
             size => unsafe { std::slice::from_raw_parts(*first, *size) },
         });
-        let given = (self.handle, r, &*Vec::from_iter(values));
-        status(self.call::<_, State>(|m| &mut m.set_binary, given))
+        let values = Vec::from_iter(values);
+        let given = [Given::list(r), Given::Lists(&values)];
+        status(self.order(Operation::set_binary, "borrow,list<u32>,list<list<u8>>->status", &given))
     }
 
     pub(crate) fn get_output_derivatives(
@@ -763,10 +599,13 @@ impl Instance {
         orders: &[i32],
         values: &mut [f64],
     ) -> fmi3Status {
-        let requests = r.iter().zip(orders).map(|(r, order)| (*r, order.cast_unsigned()));
-        let given = (self.handle, &*Vec::from_iter(requests));
-        let got = self.call::<_, Answer<Vec<f64>>>(|m| &mut m.get_output_derivatives, given);
-        status(got.and_then(|got| copy(&got, values)))
+        let requests = r.iter().zip(orders).flat_map(|(r, order)| [*r, order.cast_unsigned()]);
+        let requests = Vec::from_iter(requests);
+        let given = [Given::pairs(&requests)];
+        let of = "borrow,list<tuple<u32,u32>>->result<list<f64>,status>";
+        status(self.call(Operation::get_output_derivatives, of, &given, |answer| {
+            answer.copy(values, LENGTH)
+        }))
     }
 
     #[allow(clippy::too_many_arguments, reason = "as in the standard")]
@@ -780,13 +619,14 @@ impl Instance {
         early_return: &mut fmi3Boolean,
         last_successful_time: &mut f64,
     ) -> fmi3Status {
-        let given = (self.handle, time, step, no_set_state);
-        let stepped = self.call::<_, Answer<DoStepResult>>(|m| &mut m.do_step, given);
-        status(stepped.map(|stepped| {
-            *event_handling_needed = stepped.event_handling_needed.into();
-            *terminate = stepped.terminate.into();
-            *early_return = stepped.early_return.into();
-            *last_successful_time = stepped.last_successful_time;
+        let [time, step] = [time, step].map(Given::Float);
+        let given = [time, step, no_set_state.into()];
+        let of = "borrow,f64,f64,bool->result<record<f64,bool,bool,bool>,status>";
+        status(self.call(Operation::do_step, of, &given, |answer| {
+            let [time @ .., a, b, c] = answer.result::<11>(8)?;
+            *last_successful_time = f64::from_le_bytes(time);
+            [*event_handling_needed, *terminate, *early_return] = [a, b, c].map(truth);
+            Ok(())
         }))
     }
 
@@ -799,15 +639,13 @@ impl Instance {
         next_event_defined: &mut fmi3Boolean,
         next_event: &mut f64,
     ) -> fmi3Status {
-        type Info = Answer<DiscreteStatesInfo>;
-        let updated = self.call::<_, Info>(|m| &mut m.update_discrete_states, (self.handle,));
-        status(updated.map(|info| {
-            *again = info.again.into();
-            *terminate = info.terminate.into();
-            *nominals_changed = info.nominals_changed.into();
-            *states_changed = info.states_changed.into();
-            *next_event_defined = info.next_event_defined.into();
-            *next_event = info.next_event;
+        let of = "borrow->result<record<bool,bool,bool,bool,bool,f64>,status>";
+        status(self.call(Operation::update_discrete_states, of, &[], |answer| {
+            let [a, b, c, d, e, _, _, _, time @ ..] = answer.result::<16>(8)?;
+            [*again, *terminate, *nominals_changed, *states_changed, *next_event_defined] =
+                [a, b, c, d, e].map(truth);
+            *next_event = f64::from_le_bytes(time);
+            Ok(())
         }))
     }
 
@@ -817,28 +655,26 @@ impl Instance {
         enter_event_mode: &mut fmi3Boolean,
         terminate: &mut fmi3Boolean,
     ) -> fmi3Status {
-        type Flags = Answer<CompletedStepResult>;
-        let given = (self.handle, no_set_state);
-        let completed = self.call::<_, Flags>(|m| &mut m.completed_integrator_step, given);
-        status(completed.map(|flags| {
-            *enter_event_mode = flags.enter_event_mode.into();
-            *terminate = flags.terminate.into();
+        let given = [no_set_state.into()];
+        let of = "borrow,bool->result<record<bool,bool>,status>";
+        status(self.call(Operation::completed_integrator_step, of, &given, |answer| {
+            [*enter_event_mode, *terminate] = answer.result(1)?.map(truth);
+            Ok(())
         }))
     }
 
     pub(crate) fn get_fmu_state(&mut self, state: &mut Saved) -> fmi3Status {
-        let got = self.call::<_, Answer<Vec<u8>>>(|m| &mut m.get_fmu_state, (self.handle,));
-        status(got.map(|bytes| state.replace(Some(bytes))))
+        let of = "borrow->result<list<u8>,status>";
+        status(self.call(Operation::get_fmu_state, of, &[], |answer| {
+            state.replace(Some(answer.list(1)?.to_vec()));
+            Ok(())
+        }))
     }
 
     pub(crate) fn set_fmu_state(&mut self, state: &Saved) -> fmi3Status {
-        match state.bytes() {
-            Some(bytes) => {
-                let given = (self.handle, bytes);
-                status(self.call::<_, State>(|m| &mut m.set_fmu_state, given))
-            }
-            None => fmi3Error,
-        }
+        let Some(bytes) = state.bytes() else { return fmi3Error };
+        let given = [Given::list(bytes)];
+        status(self.order(Operation::set_fmu_state, "borrow,list<u8>->status", &given))
     }
 
     pub(crate) fn free_fmu_state(&mut self, state: &mut Saved) -> fmi3Status {
@@ -880,7 +716,10 @@ impl Saved {
 impl Drop for Instance {
     fn drop(&mut self) {
         self.store.set_epoch_deadline(self.ticks);
-        // A component that has trapped cannot drop anything.
-        let _ = self.handle.resource_drop(&mut self.store);
+        // A component that has trapped cannot free anything.
+        if let Some(end) = self.end.as_ref().filter(|_| !self.is_over) {
+            // SAFETY: the function ends a resource, for which it gets what the handle stands for.
+            let _ = unsafe { abi::call(&mut self.store, end, Some(self.handle), &[], |_| Ok(())) };
+        }
     }
 }

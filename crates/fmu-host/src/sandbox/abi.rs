@@ -1,0 +1,277 @@
+//! How components pass arguments and results: the canonical ABI of the component model.
+
+use std::slice;
+
+use fmi_abi::fmi3::{fmi3Error, fmi3Status};
+use wasmtime::{Error, Result, Store, ValRaw};
+
+use super::Data;
+use super::link::Function;
+
+const _: () = assert!(cfg!(target_endian = "little"), "memory of components is little-endian");
+
+/// Some bytes of a memory.
+pub(super) fn bytes(memory: &[u8], at: u32, n: usize) -> Result<&[u8]> {
+    let rest = memory.get(at as usize..).and_then(|rest| rest.get(..n));
+    rest.ok_or_else(|| Error::msg(format!("it passed {n} bytes at {at}, which are out of bounds")))
+}
+
+/// A text.
+pub(super) fn text(bytes: &[u8]) -> Result<&str> {
+    Ok(str::from_utf8(bytes)?)
+}
+
+/// A status of the draft.
+pub(super) fn status(discriminant: u32) -> Result<fmi3Status> {
+    match discriminant {
+        0..=4 => Ok(fmi3Status(discriminant as i32)),
+        _ => Err(unexpected(discriminant)),
+    }
+}
+
+#[cold]
+fn unexpected(discriminant: u32) -> Error {
+    Error::msg(format!("it returned the unexpected discriminant {discriminant}"))
+}
+
+/// A number that lists consist of.
+///
+/// # Safety
+/// It has no padding, and any bytes are one.
+pub(super) unsafe trait Number: Copy {}
+
+macro_rules! numbers {
+    ($($type:ident)*) => {
+        // SAFETY: these are numbers.
+        $(unsafe impl Number for $type {})*
+    };
+}
+
+numbers! { f32 f64 i8 i16 i32 i64 u8 u16 u32 u64 }
+
+/// An argument.
+pub(super) enum Given<'a> {
+    Whole(u32),
+    Float(f64),
+    /// The bytes of a list, the number of its elements, and their alignment.
+    List(&'a [u8], usize, usize),
+    /// The bytes of lists or texts.
+    Lists(&'a [&'a [u8]]),
+}
+
+impl<'a> Given<'a> {
+    pub(super) fn list<T: Number>(values: &'a [T]) -> Self {
+        // SAFETY: a slice of numbers is one of bytes.
+        let bytes = unsafe { slice::from_raw_parts(values.as_ptr().cast(), size_of_val(values)) };
+        Self::List(bytes, values.len(), size_of::<T>())
+    }
+
+    /// A list of pairs of numbers.
+    pub(super) fn pairs(values: &'a [u32]) -> Self {
+        match Self::list(values) {
+            Self::List(bytes, n, alignment) => Self::List(bytes, n / 2, alignment),
+            other => other,
+        }
+    }
+
+    pub(super) fn text(text: &'a str) -> Self {
+        Self::list(text.as_bytes())
+    }
+
+    pub(super) fn option(value: Option<f64>) -> [Self; 2] {
+        [Self::Whole(value.is_some().into()), Self::Float(value.unwrap_or_default())]
+    }
+}
+
+impl From<bool> for Given<'_> {
+    fn from(value: bool) -> Self {
+        Self::Whole(value.into())
+    }
+}
+
+/// Why a call has no result.
+pub(super) enum Fault {
+    Status(fmi3Status),
+    Trap(Error),
+}
+
+impl From<Error> for Fault {
+    fn from(error: Error) -> Self {
+        Self::Trap(error)
+    }
+}
+
+/// Calls a function, of an instance if one is given, and reads its result.
+///
+/// # Safety
+/// The function has arguments of these types, and no result or one of 32 bits.
+#[inline(always)]
+pub(super) unsafe fn call<R>(
+    store: &mut Store<Data>,
+    function: &Function,
+    handle: Option<u32>,
+    given: &[Given<'_>],
+    read: impl FnOnce(Answer<'_>) -> Result<R, Fault>,
+) -> Result<R, Fault> {
+    // At most 16 values are passed so, and at least one is returned.
+    let (mut flat, mut n) = ([ValRaw::u32(0); 16], 0);
+    let mut push = |value| {
+        flat[n] = value;
+        n += 1;
+    };
+    handle.into_iter().for_each(|handle| push(ValRaw::u32(handle)));
+    let mut pass = Passing { function, used: 0 };
+    for argument in given {
+        match *argument {
+            Given::Whole(value) => push(ValRaw::u32(value)),
+            Given::Float(value) => push(ValRaw::f64(value.to_bits())),
+            Given::List(list, n, alignment) => {
+                push(ValRaw::u32(pass.list(store, list, alignment)?));
+                push(ValRaw::u32(n as u32));
+            }
+            Given::Lists(lists) => {
+                let mut places = Vec::new();
+                for list in lists {
+                    places.extend([pass.list(store, list, 1)?, list.len() as u32]);
+                }
+                let bytes = Vec::from_iter(places.iter().flat_map(|place| place.to_le_bytes()));
+                push(ValRaw::u32(pass.list(store, &bytes, size_of::<u32>())?));
+                push(ValRaw::u32(lists.len() as u32));
+            }
+        }
+    }
+    // SAFETY: the caller's promise; a component passes arguments of these types so.
+    unsafe { function.function.call_unchecked(&mut *store, &mut flat)? };
+    let flat = flat[0].get_u32();
+    let memory = function.memory.as_ref().map_or(&[][..], |memory| memory.data(&*store));
+    let result = read(Answer { memory, flat });
+    if let Some(post_return) = &function.post_return {
+        // SAFETY: as above; it gets the result, if there is one.
+        unsafe { post_return.call_unchecked(store, &mut [ValRaw::u32(flat)])? };
+    }
+    result
+}
+
+/// The number of bytes that the components of `fmu-export` have for arguments.
+const ARGUMENTS: usize = 4096;
+
+/// The lists of a call.
+struct Passing<'a> {
+    function: &'a Function,
+    /// The number of bytes in use of the component's memory for arguments.
+    used: usize,
+}
+
+impl Passing<'_> {
+    /// Copies the bytes of a list to memory that the component gives for it.
+    #[inline(always)]
+    fn list(&mut self, store: &mut Store<Data>, list: &[u8], alignment: usize) -> Result<u32> {
+        let no_memory = || Error::msg("the memory that it gives for arguments is out of bounds");
+        let memory = self.function.memory.as_ref().ok_or_else(no_memory)?;
+        let at = match self.function.arguments {
+            Some(start) if list.len() <= ARGUMENTS - self.used => {
+                let at = start.saturating_add(self.used as u32);
+                self.used = (self.used + list.len()).next_multiple_of(8);
+                at
+            }
+            _ if list.is_empty() => alignment as u32,
+            _ => {
+                let realloc = self.function.realloc.as_ref().ok_or_else(no_memory)?;
+                let size = u32::try_from(list.len())?;
+                let mut values = [0, 0, alignment as u32, size].map(ValRaw::u32);
+                // SAFETY: the function has these types in each valid component.
+                unsafe { realloc.call_unchecked(&mut *store, &mut values)? };
+                values[0].get_u32()
+            }
+        };
+        let rest = memory.data_mut(store).get_mut(at as usize..);
+        let place = rest.and_then(|rest| rest.get_mut(..list.len())).ok_or_else(no_memory)?;
+        place.copy_from_slice(list);
+        Ok(at)
+    }
+}
+
+/// What a function returns.
+pub(super) struct Answer<'a> {
+    memory: &'a [u8],
+    /// The result, or its place.
+    flat: u32,
+}
+
+impl<'a> Answer<'a> {
+    /// Nothing but a status.
+    pub(super) fn status(&self) -> Result<(), Fault> {
+        match status(self.flat)? {
+            fmi3Status(0) => Ok(()),
+            status => Err(Fault::Status(status)),
+        }
+    }
+
+    /// The bytes of a result, which comes after the flag that it is one, or in place of a status.
+    #[inline(always)]
+    pub(super) fn result<const N: usize>(&self, alignment: u32) -> Result<[u8; N], Fault> {
+        let payload = self.flat.saturating_add(alignment);
+        match self.bytes(self.flat)? {
+            [0] => Ok(self.bytes(payload)?),
+            [1] => Err(Fault::Status(match status(self.bytes::<1>(payload)?[0].into())? {
+                // Without results.
+                fmi3Status(0 | 1) => fmi3Error,
+                status => status,
+            })),
+            [other] => Err(unexpected(other.into()).into()),
+        }
+    }
+
+    /// A value, or nothing.
+    pub(super) fn option(&self) -> Result<Option<u32>, Fault> {
+        match self.bytes(self.flat)? {
+            [0] => Ok(None),
+            [1] => Ok(Some(u32::from_le_bytes(self.bytes(self.flat.saturating_add(4))?))),
+            [other] => Err(unexpected(other.into()).into()),
+        }
+    }
+
+    /// Copies the list of a result to values of the host, if there are as many.
+    #[inline(always)]
+    pub(super) fn copy<T: Number>(&self, to: &mut [T], other: fmi3Status) -> Result<(), Fault> {
+        let list = self.list(size_of::<T>())?;
+        if list.len() != size_of_val(to) {
+            return Err(Fault::Status(other));
+        }
+        // SAFETY: a slice of numbers is one of bytes, and any bytes are numbers.
+        unsafe { slice::from_raw_parts_mut(to.as_mut_ptr().cast(), list.len()) }
+            .copy_from_slice(list);
+        Ok(())
+    }
+
+    /// The bytes of the list of a result, with elements of a size.
+    #[inline(always)]
+    pub(super) fn list(&self, size: usize) -> Result<&'a [u8], Fault> {
+        Ok(self.at(self.result(4)?, size)?)
+    }
+
+    /// The lists or texts of the list of a result.
+    pub(super) fn lists(&self) -> Result<Vec<&'a [u8]>, Fault> {
+        let (lists, _) = self.list(8)?.as_chunks();
+        Ok(lists.iter().map(|list| self.at(*list, 1)).collect::<Result<_>>()?)
+    }
+
+    /// A text that is not in a result.
+    pub(super) fn text(&self) -> Result<&'a str> {
+        text(self.at(self.bytes(self.flat)?, 1)?)
+    }
+
+    /// The bytes of a list of which the place and the number of elements are given.
+    #[inline(always)]
+    fn at(&self, list: [u8; 8], size: usize) -> Result<&'a [u8]> {
+        let list = u64::from_le_bytes(list);
+        bytes(self.memory, list as u32, ((list >> 32) as usize).saturating_mul(size))
+    }
+
+    #[inline(always)]
+    fn bytes<const N: usize>(&self, at: u32) -> Result<[u8; N]> {
+        let mut copy = [0; N];
+        copy.copy_from_slice(bytes(self.memory, at, N)?);
+        Ok(copy)
+    }
+}
