@@ -16,7 +16,7 @@ import wasmtime.component
 from fmpy import read_model_description
 from lxml import etree
 
-from native import LOOPS, new_package, run
+from native import LOOPS, PROGRAM, call, new_package, prepare, run
 from pendulum_fmus.project import ROOT
 
 WASM = ROOT / "target" / "wasm"
@@ -43,7 +43,7 @@ class Fmu:
             with root.add_instance(f"{PACKAGE}/intermediate-update-callbacks@3.0.0") as callbacks:
                 callbacks.add_func("intermediate-update", lambda *_: (False, 0.0))
         self.component = linker.instantiate(self.store, component)
-        given = ["it", self.description.guid, False, False]
+        given = ["it", self.description.guid, "", False, False]
         given += [False, False, []] if interface == "co-simulation" else []
         function = f"[static]{interface}-instance.instantiate-{interface}"
         self.instance = self.call(function, *given)
@@ -255,19 +255,9 @@ def with_binary(fmu: Path, content: bytes, to: Path) -> Path:
     return to
 
 
-def hostile(
-    start: str = "", instantiate: str = "", enter: str = "", options: str = "", path: bool = False
-) -> bytes:
-    """Return a component whose functions run some code; of the earlier draft if `path`.
-
-    `options` are further options of the canonical ABI.
-    """
+def hostile(start: str = "", instantiate: str = "", enter: str = "", options: str = "") -> bytes:
+    """Return a component whose functions run some code, with further options of its ABI."""
     text = (ROOT / "tests" / "data" / "hostile.wat").read_text(encoding="utf-8")
-    if path:
-        token = '(param "instantiation-token" string)'
-        text = text.replace(token, f'{token} (param "resource-path" string)')
-        name = '(export "instantiate") (param'
-        text = text.replace(name, f"{name} i32 i32")
     places = {"START": start, "INSTANTIATE": instantiate, "ENTER": enter, "OPTIONS": options}
     for name, code in places.items():
         text = text.replace(name, code)
@@ -330,15 +320,22 @@ def test_a_hostile_component_ends_with_a_message(place, code, reason, components
 
 
 @pytest.mark.sandbox
-def test_a_component_of_the_earlier_draft_gets_an_empty_path(components, tmp_path):
-    # Parameter 5 of the core function is the length of the path.
-    trap = "(if (local.get 5) (then (unreachable)))"
-    component = hostile(instantiate=trap, path=True)
-    fmu = with_binary(components / "Pid_fmi3.fmu", component, tmp_path / "earlier.fmu")
-    code, _, problems = program("simulate", fmu)
-    assert code == 1
-    # The component has none of the functions that follow.
-    assert "fmi3ExitInitializationMode is missing from the component" in problems
+def test_a_model_that_reads_a_resource_needs_the_later_draft(tmp_path):
+    package = tmp_path / "own"
+    shutil.copytree(ROOT / "tests" / "data" / "own", package)
+    manifest = package / "Cargo.toml"
+    manifest.write_text(manifest.read_text().replace("[REPOSITORY]", str(ROOT)))
+    command = [PROGRAM, "export", "--fmi", "3.0", "--target", "wasm", "--out", tmp_path]
+    refused = call(command, prepare(package))
+    assert refused.returncode == 1
+    assert "has no function; export it with `--wasm-draft 77277f4`" in refused.stderr
+    done = call([*command, "--wasm-draft", "77277f4"], package)
+    assert done.returncode == 0, done.stderr
+    # The component adds 0.25, from its file.
+    options = ["--sandbox", "--set", "u=1", "--stop", "0.1", "--step", "0.1", "--output", "y"]
+    code, said, problems = program("simulate", tmp_path / "Own_fmi3.fmu", *options)
+    assert code == 0, problems
+    assert "1.25" in said
 
 
 @pytest.mark.sandbox

@@ -93,7 +93,9 @@ class Instance {
     this.memory = new DataView(this.core.memory.buffer);
     [this.getFloat64, this.setFloat64, this.doStep] = ["get-float64", "set-float64", "do-step"].map((name) => this.named(name));
     const create = "instantiate-co-simulation";
-    const made = this.named(create, "static")(...this.text("it"), ...this.text(fmu.token), 0, 0, 0, 0, 0, 0);
+    const instantiate = this.named(create, "static");
+    const texts = ["it", fmu.token].concat(instantiate.length > 10 ? [""] : []); // the path of resources, in one draft
+    const made = instantiate(...texts.flatMap((text) => this.text(text)), 0, 0, 0, 0, 0, 0);
     if (!this.view.getUint8(made)) throw new Error(this.failure(create));
     this.pointer = this.view.getUint32(made + 4, true);
     setUp(this);

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
 use std::ops::Range;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use fmu_description::{Description, erase_interfaces};
 use wasm_encoder::reencode::{Error, Reencode, ReencodeComponent, component_utils, utils};
 use wasm_encoder::{
@@ -18,18 +18,36 @@ use wasmparser::{
 use wit_component::{ComponentEncoder, StringEncoding, embed_component_metadata};
 use wit_parser::{Resolve, TypeDefKind, WorldId, WorldItem};
 
+use crate::export::Draft;
+
 /// The interface; a test holds it against hosts of others.
 const INTERFACE: &str = include_str!("component.wit");
+/// What an instance gets at [`Draft::WithPath`] alone.
+const PATH: &str = " resource-path: string,";
+/// How a library names the functions that do not get it.
+const WITHOUT_PATH: &str = "_without_path";
+/// What a library imports that reads resources, which [`Draft::WithPath`] does not have.
+const READS: &str = "fmi:fmi3/resource-dir-callbacks@3.0.0";
 /// The encoder gives what is passed to a component inside of the component names that begin so.
 const INNER: &str = "import-";
 
 /// Encodes the module of a library: for co-simulation, and for model exchange if one of its models is.
 ///
 /// # Errors
-/// The module does not have the functions of the interface.
-pub fn encode(mut module: Vec<u8>, models: &[Description]) -> Result<Vec<u8>> {
+/// The module does not have the functions of the interface, or reads resources, which the draft does not provide.
+pub fn encode(mut module: Vec<u8>, models: &[Description], draft: Draft) -> Result<Vec<u8>> {
     let mut resolve = Resolve::default();
-    let package = resolve.push_str("component.wit", INTERFACE)?;
+    let interface = match draft {
+        Draft::WithPath => {
+            ensure!(
+                !module.windows(READS.len()).any(|name| name == READS.as_bytes()),
+                "a model reads a resource, for which commit c1aac17 of the draft has no function; export it with `--wasm-draft 77277f4`"
+            );
+            INTERFACE.to_owned()
+        }
+        Draft::WithFunction => INTERFACE.replace(PATH, ""),
+    };
+    let package = resolve.push_str("component.wit", &interface)?;
     let world = match models.iter().any(Description::is_for_model_exchange) {
         true => "fmu",
         false => "co-simulation-fmu",
@@ -38,7 +56,7 @@ pub fn encode(mut module: Vec<u8>, models: &[Description]) -> Result<Vec<u8>> {
     let names = names(&resolve, world);
     erase_interfaces(&mut module)?;
     let mut named = Module::new();
-    Named(&names)
+    Named { names: &names, draft }
         .parse_core_module(&mut named, Parser::new(0), &module)
         .context("cannot name its functions")?;
     let mut module = named.finish();
@@ -76,7 +94,10 @@ fn names(resolve: &Resolve, world: WorldId) -> BTreeMap<String, String> {
 
 /// Exports the functions of a module under their names in the interfaces, as the encoder expects them, and leaves
 /// out zeros, which memory has from the start.
-struct Named<'a>(&'a BTreeMap<String, String>);
+struct Named<'a> {
+    names: &'a BTreeMap<String, String>,
+    draft: Draft,
+}
 
 impl Reencode for Named<'_> {
     type Error = Infallible;
@@ -87,7 +108,13 @@ impl Reencode for Named<'_> {
         export: wasmparser::Export<'_>,
     ) -> Result<(), Error> {
         let is_kept = matches!(export.name, "memory" | "cabi_realloc" | "fmu_export_arguments");
-        let all = self.0.iter().filter(|(_, operation)| *operation == export.name);
+        let performs = |operation: &str| match self.draft {
+            Draft::WithFunction if operation.starts_with("instantiate_") => {
+                export.name.strip_suffix(WITHOUT_PATH) == Some(operation)
+            }
+            _ => export.name == operation,
+        };
+        let all = self.names.iter().filter(|(_, operation)| performs(operation));
         let names = all.map(|(name, _)| name.as_str()).chain(is_kept.then_some(export.name));
         for name in names {
             exports.export(name, export.kind.into(), export.index);

@@ -8,8 +8,8 @@ use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
-use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
 use fmu_description::hash::checksum;
 use fmu_description::{Description, FmiVersion, read_interfaces};
 use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
@@ -50,6 +50,10 @@ pub struct Options {
     /// (with --fmi 3.0) a WebAssembly component
     #[arg(long = "target", value_name = "TRIPLE")]
     pub targets: Vec<String>,
+    /// Draft of the interface of WebAssembly components, by its commit: c1aac17, or the later 77277f4, by which they
+    /// can read resources
+    #[arg(long, value_name = "COMMIT", value_enum, default_value_t, hide_possible_values = true)]
+    pub wasm_draft: Draft,
     /// Add a shared library built elsewhere, for linux64, win64, ...
     #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     pub binaries: Vec<Prebuilt>,
@@ -59,6 +63,18 @@ pub struct Options {
     /// Which packages to build, and how.
     #[command(flatten)]
     pub selection: Selection,
+}
+
+/// How a WebAssembly component gets resources: the draft FMI-LS-WASM at one of its commits.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Draft {
+    /// By a path, though it has no files.
+    #[default]
+    #[value(name = "c1aac17")]
+    WithPath,
+    /// By a function of the host.
+    #[value(name = "77277f4")]
+    WithFunction,
 }
 
 fn version() -> impl TypedValueParser<Value = FmiVersion> {
@@ -259,7 +275,7 @@ impl<'a> Builder<'a> {
                     _ => macho(&parts).context("cannot join the parts of a universal binary")?,
                 };
                 let models = read_interfaces(&bytes).with_context(unusable)?;
-                let bytes = if target.platforms[0].is_wasm() { component(bytes, &models).with_context(unusable)? } else { bytes };
+                let bytes = if target.platforms[0].is_wasm() { component(bytes, &models, self.options.wasm_draft).with_context(unusable)? } else { bytes };
                 ensure!(
                     !models.is_empty(),
                     "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
@@ -468,7 +484,7 @@ use crate::component::encode as component;
 
 /// Where this program cannot make a component.
 #[cfg(not(feature = "wasm"))]
-fn component(_: Vec<u8>, _: &[Description]) -> Result<Vec<u8>> {
+fn component(_: Vec<u8>, _: &[Description], _: Draft) -> Result<Vec<u8>> {
     bail!("this program was built without its feature `wasm`, which the target {TARGET_WASM} needs")
 }
 

@@ -189,7 +189,7 @@ impl Compiled {
         let Instantiation { name, guid, logging_on, event_mode_used, .. } = *arguments;
         let (early, variables) = (arguments.early_return_allowed, arguments.intermediate_variables);
         let (mut types, mut given) = ("string,string", vec![Given::text(name), Given::text(guid)]);
-        // An earlier draft, as in OpenModelica, has a path of resources, which components cannot read.
+        // Until commit 77277f4 of the draft, there is a path of resources, which components cannot read.
         if create.signature.starts_with("string,string,string") {
             types = "string,string,string";
             given.push(Given::text(""));

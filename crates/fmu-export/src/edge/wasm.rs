@@ -20,7 +20,7 @@ use std::ffi::{CStr, CString, c_char};
 use std::mem::{MaybeUninit, transmute};
 use std::panic::PanicHookInfo;
 use std::path::Path;
-use std::ptr::null_mut;
+use std::ptr::{null, null_mut};
 use std::rc::Rc;
 
 use fmi_abi::{Call, fmi2, fmi3_functions};
@@ -377,6 +377,8 @@ unsafe extern "C" fn instantiate_co_simulation(
     name_length: usize,
     token: *const u8,
     token_length: usize,
+    _path: *const u8,
+    _path_length: usize,
     _visible: bool,
     logging_on: bool,
     event_mode_used: bool,
@@ -414,6 +416,8 @@ unsafe extern "C" fn instantiate_model_exchange(
     name_length: usize,
     token: *const u8,
     token_length: usize,
+    _path: *const u8,
+    _path_length: usize,
     _visible: bool,
     logging_on: bool,
 ) -> *const Handle {
@@ -428,6 +432,29 @@ unsafe extern "C" fn instantiate_model_exchange(
         settings,
         |i| new.map_or(0, |new| new(i)),
     )
+}
+
+/// Defines the functions that create an instance without a path of resources, for the draft at commit 77277f4.
+macro_rules! without_path {
+    ($($name:ident by $with:ident($($arg:ident: $type:ty),*);)*) => { $(
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $name(
+            name: *const u8, name_length: usize, token: *const u8, token_length: usize $(, $arg: $type)*
+        ) -> *const Handle {
+            // SAFETY: the host's promises.
+            unsafe { $with(name, name_length, token, token_length, null(), 0 $(, $arg)*) }
+        }
+    )* };
+}
+
+without_path! {
+    instantiate_co_simulation_without_path by instantiate_co_simulation(
+        visible: bool, logging_on: bool, event_mode_used: bool, early_return_allowed: bool,
+        intermediate_variables: *const u32, n: usize
+    );
+    instantiate_model_exchange_without_path by instantiate_model_exchange(
+        visible: bool, logging_on: bool
+    );
 }
 
 fn settings(name: &CStr, logging_on: bool) -> Settings {
