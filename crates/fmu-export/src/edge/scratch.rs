@@ -78,7 +78,7 @@ pub(super) fn end() {
 }
 
 /// Memory for arguments that hosts may use as often as they like, in place of what [`cabi_realloc`] gives for one call:
-/// [`BLOCK`] bytes.
+/// [`BLOCK`] bytes, a number that `fmu-host` relies on.
 #[unsafe(no_mangle)]
 extern "C" fn fmu_export_arguments() -> *mut u64 {
     Vec::leak(vec![0; BLOCK / ALIGNMENT]).as_mut_ptr()

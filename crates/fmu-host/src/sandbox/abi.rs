@@ -3,7 +3,7 @@
 use std::slice;
 
 use fmi_abi::fmi3::{fmi3Error, fmi3Status};
-use wasmtime::{Error, Result, Store, ValRaw};
+use wasmtime::{AsContextMut, Error, Func, Memory, Result, Store, ValRaw};
 
 use super::Data;
 use super::link::Function;
@@ -152,7 +152,7 @@ pub(super) unsafe fn call<R>(
     result
 }
 
-/// The number of bytes that the components of `fmu-export` have for arguments.
+/// The number of bytes that `fmu_export_arguments` gives for arguments, in every component of `fmu-export`.
 const ARGUMENTS: usize = 4096;
 
 /// The lists of a call.
@@ -166,29 +166,51 @@ impl Passing<'_> {
     /// Copies the bytes of a list to memory that the component gives for it.
     #[inline(always)]
     fn list(&mut self, store: &mut Store<Data>, list: &[u8], alignment: usize) -> Result<u32> {
-        let no_memory = || Error::msg("the memory that it gives for arguments is out of bounds");
-        let memory = self.function.memory.as_ref().ok_or_else(no_memory)?;
-        let at = match self.function.arguments {
+        let Function { memory, realloc, arguments, .. } = *self.function;
+        match arguments {
             Some(start) if list.len() <= ARGUMENTS - self.used => {
                 let at = start.saturating_add(self.used as u32);
                 self.used = (self.used + list.len()).next_multiple_of(8);
-                at
+                write(store, memory, at, list)?;
+                Ok(at)
             }
-            _ if list.is_empty() => alignment as u32,
-            _ => {
-                let realloc = self.function.realloc.as_ref().ok_or_else(no_memory)?;
-                let size = u32::try_from(list.len())?;
-                let mut values = [0, 0, alignment as u32, size].map(ValRaw::u32);
-                // SAFETY: the function has these types in each valid component.
-                unsafe { realloc.call_unchecked(&mut *store, &mut values)? };
-                values[0].get_u32()
-            }
-        };
-        let rest = memory.data_mut(store).get_mut(at as usize..);
-        let place = rest.and_then(|rest| rest.get_mut(..list.len())).ok_or_else(no_memory)?;
-        place.copy_from_slice(list);
-        Ok(at)
+            _ => copy(store, (memory, realloc), list, alignment),
+        }
     }
+}
+
+/// Copies the bytes of a list to memory that a component allocates for it, and returns their place.
+pub(super) fn copy(
+    mut store: impl AsContextMut,
+    (memory, realloc): (Option<Memory>, Option<Func>),
+    list: &[u8],
+    alignment: usize,
+) -> Result<u32> {
+    if list.is_empty() {
+        return Ok(alignment as u32);
+    }
+    let size = u32::try_from(list.len())?;
+    let mut values = [0, 0, alignment as u32, size].map(ValRaw::u32);
+    // SAFETY: the function has these types in each valid component.
+    unsafe { realloc.ok_or_else(no_memory)?.call_unchecked(&mut store, &mut values)? };
+    let at = values[0].get_u32();
+    write(store, memory, at, list)?;
+    Ok(at)
+}
+
+/// Writes bytes to a memory.
+#[inline(always)]
+fn write(mut store: impl AsContextMut, to: Option<Memory>, at: u32, bytes: &[u8]) -> Result<()> {
+    let memory = to.ok_or_else(no_memory)?;
+    let rest = memory.data_mut(&mut store).get_mut(at as usize..);
+    let place = rest.and_then(|rest| rest.get_mut(..bytes.len())).ok_or_else(no_memory)?;
+    place.copy_from_slice(bytes);
+    Ok(())
+}
+
+#[cold]
+fn no_memory() -> Error {
+    Error::msg("the memory that it gives for arguments is out of bounds")
 }
 
 /// What a function returns.

@@ -154,13 +154,7 @@ impl Call<'_> {
 
     /// Writes a list to the memory that the component gives for it, and that place to the results.
     fn put_list(&mut self, index: usize, offset: usize, list: &[u8]) -> Result<()> {
-        let mut at = 1;
-        if !list.is_empty() {
-            let realloc = self.realloc.ok_or_else(mistyped)?;
-            let realloc = realloc.typed::<(u32, u32, u32, u32), u32>(&self.caller)?;
-            at = realloc.call(&mut self.caller, (0, 0, 1, u32::try_from(list.len())?))?;
-            self.memory()?.write(&mut self.caller, at as usize, list)?;
-        }
+        let at = abi::copy(&mut self.caller, (self.memory, self.realloc), list, 1)?;
         self.put(index, offset, &at.to_le_bytes())?;
         self.put(index, offset + 4, &u32::try_from(list.len())?.to_le_bytes())
     }
