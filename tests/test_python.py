@@ -205,7 +205,8 @@ def test_what_does_not_fit_is_named(fmus):
         ({"start_values": {"M": "heavy"}}, 'M = "heavy" is invalid'),
         ({"start_values": {"m0": 1}}, "has no variable m0"),
         ({"stop_time": -1.0}, "stop = -1.0, expected at least start = 0.0"),
-        ({"interface": "scripted"}, 'expected "co-simulation" or "model-exchange"'),
+        ({"interface": "scripted"}, 'interface = "scripted": .* expected `co-simulation` or'),
+        ({"step_size": "small"}, 'step = "small": .* expected f64'),
     ):
         with pytest.raises(FmuError, match=message):
             simulate(PENDULUM, **options)

@@ -279,6 +279,7 @@ impl Written {
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
+#[serde(default)]
 pub struct Changes {
     /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
     /// has no COMPONENT

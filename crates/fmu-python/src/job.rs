@@ -3,16 +3,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use fmu_description::Value;
 use fmu_master::run::Computed;
 use fmu_master::single::{self, Setup};
-use fmu_master::{
-    Argument, Changes, Description, Function, Interface, Order, Plan, Signature, Start, is_fmu,
-    locate, run,
-};
+use fmu_master::{Changes, Description, Function, Plan, Signature, Start, is_fmu, locate, run};
 use fmu_worker::Service;
-use pyo3::prelude::*;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// The task of a worker process.
@@ -82,6 +79,18 @@ pub struct System {
     sets: Vec<(String, String)>,
 }
 
+/// What Python passes, as TOML.
+///
+/// # Errors
+/// A word is unknown, or a value has a wrong type.
+pub fn given<T: DeserializeOwned>(text: &str) -> Result<T> {
+    toml::from_str(text).map_err(|error| {
+        let span = error.span().unwrap_or_default();
+        let key = text[..span.start].rfind(['{', ',', '\n']).map_or(0, |before| before + 1);
+        anyhow!("{}: {}", text[key..span.end].trim(), error.message())
+    })
+}
+
 impl System {
     /// Loads the FMUs. `compute` computes the outputs of a function, by its number, at a time (s).
     ///
@@ -114,89 +123,5 @@ impl System {
             (plan, _) => plan,
         };
         plan?.set(description, &self.sets)
-    }
-}
-
-/// The system as Python passes it.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct Given {
-    file: PathBuf,
-    text: Option<String>,
-    functions: Vec<Declared>,
-    start: Option<f64>,
-    stop: Option<f64>,
-    step: Option<f64>,
-    order: Option<String>,
-    tolerance: Option<f64>,
-    outputs: Vec<String>,
-    input: Option<PathBuf>,
-    interface: Option<String>,
-    sets: Vec<(String, String)>,
-}
-
-/// A component that is a function, as Python passes it: with the names, types and units of its variables.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct Declared {
-    name: String,
-    inputs: Vec<(String, String, String)>,
-    outputs: Vec<(String, String, String)>,
-    sample_time: Option<f64>,
-    step: Py<PyAny>,
-}
-
-impl System {
-    /// The system, and what its functions call.
-    ///
-    /// # Errors
-    /// A word is unknown.
-    pub fn new(given: Given) -> Result<(Self, Vec<Py<PyAny>>)> {
-        let arguments = |all: Vec<(String, String, String)>| {
-            let all = all.into_iter();
-            all.map(|(name, of_type, unit)| Argument { name, of_type, unit }).collect()
-        };
-        let functions = given.functions.into_iter().map(|declared| {
-            let Declared { name, inputs, outputs, sample_time, step } = declared;
-            let (inputs, outputs) = (arguments(inputs), arguments(outputs));
-            ((name, Signature { inputs, outputs, sample_time }), step)
-        });
-        let (functions, steps) = functions.unzip();
-        let order = match given.order.as_deref() {
-            None => None,
-            Some("sequential") => Some(Order::Sequential),
-            Some("parallel") => Some(Order::Parallel),
-            Some(other) => bail!("order = {other:?}, expected \"sequential\" or \"parallel\""),
-        };
-        let system = Self {
-            file: given.file,
-            text: given.text,
-            functions,
-            changes: Changes {
-                start: given.start,
-                stop: given.stop,
-                step: given.step,
-                order,
-                tolerance: given.tolerance,
-                outputs: given.outputs,
-                input: given.input,
-                interface: given.interface.as_deref().map(interface).transpose()?,
-                ..Changes::default()
-            },
-            sets: given.sets,
-        };
-        Ok((system, steps))
-    }
-}
-
-/// An interface by its name.
-///
-/// # Errors
-/// There is no such interface.
-pub fn interface(name: &str) -> Result<Interface> {
-    match name {
-        "co-simulation" => Ok(Interface::CoSimulation),
-        "model-exchange" => Ok(Interface::ModelExchange),
-        _ => bail!("interface = {name:?}, expected \"co-simulation\" or \"model-exchange\""),
     }
 }

@@ -14,12 +14,14 @@ use fmu_master::run::{Computed, Failed, Outcome, Watch, supervise};
 use fmu_master::table::{self, Series, Tolerance};
 use fmu_master::{Call, Column, Experiment, Message, Messages};
 use fmu_worker::{Limits, Worker, available_memory};
-use pyo3::exceptions::{PyException, PyRuntimeError};
+use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString, PyTuple};
 
 use crate::columns::{Columns, from_python, to_python};
-use crate::job::{Given, Job, Loaded, System};
+use crate::job::{Job, Loaded, System, given};
+
+pyo3::import_exception!(fmu_master.result, FmuError);
 
 /// Interval between looks at Ctrl-C, and between reports of the progress.
 pub const PERIOD: Duration = Duration::from_millis(50);
@@ -67,15 +69,16 @@ impl Runner {
         Self { program, keeps, idle: Mutex::default() }
     }
 
-    /// Runs a system; returns a dict with the columns and what else there is to tell. `progress` receives the
-    /// time, the start and the stop time (s).
+    /// Runs a system, whose functions call `steps`; returns a dict with the columns and what else there is to tell.
+    /// `progress` receives the time, the start and the stop time (s).
     fn run<'py>(
         &self,
         py: Python<'py>,
-        system: Given,
+        system: &str,
+        steps: Vec<Py<PyAny>>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let (system, steps) = System::new(system).map_err(error)?;
+        let system = given(system).map_err(error)?;
         let (done, raised) = py.detach(|| {
             let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
             let looked = Cell::new(Instant::now());
@@ -180,8 +183,8 @@ type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
 
 /// The start time, stop time and step (s) of a system.
 #[pyfunction]
-pub fn times(py: Python<'_>, system: Given) -> PyResult<(f64, f64, f64)> {
-    let (system, _) = System::new(system).map_err(error)?;
+pub fn times(py: Python<'_>, system: &str) -> PyResult<(f64, f64, f64)> {
+    let system: System = given(system).map_err(error)?;
     let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
     let plan = py.detach(|| system.plan(&never)).map_err(error)?;
     let Experiment { start, stop, step } = plan.0.experiment;
@@ -195,9 +198,9 @@ pub fn error(error: anyhow::Error) -> PyErr {
 /// An exception whose arguments are those of `FmuError`.
 pub fn raised(failed: Failed) -> PyErr {
     match failed.call {
-        None => PyRuntimeError::new_err(failed.text),
+        None => FmuError::new_err(failed.text),
         Some(Call { component, function, time }) => {
-            PyRuntimeError::new_err((failed.text, component, function, time))
+            FmuError::new_err((failed.text, component, function, time))
         }
     }
 }

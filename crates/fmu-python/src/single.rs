@@ -1,7 +1,6 @@
 //! One FMU that Python steps by hand, in a worker process or in this one.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -12,11 +11,12 @@ use fmu_master::Written;
 use fmu_master::run::Failed;
 use fmu_master::single::{Answer, Ask, Names, Setup, Single};
 use fmu_worker::{Event, Record, Worker};
+use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use crate::columns::{from_python, to_python};
-use crate::job::{Job, interface};
+use crate::job::{Job, given};
 use crate::run::{PERIOD, error, raised, start};
 
 /// Where the FMU is.
@@ -38,9 +38,9 @@ impl Instance {
         self.place.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn ask(&self, py: Python<'_>, ask: Ask) -> PyResult<Answer> {
+    fn ask<'py>(&self, py: Python<'py>, ask: Ask) -> PyResult<Bound<'py, PyAny>> {
         let mut place = self.place();
-        match place.as_mut().context("the instance was freed").map_err(error)? {
+        let answer = match place.as_mut().context("the instance was freed").map_err(error)? {
             // Not worth releasing the lock of Python, unless the FMU computes for long.
             Place::Here(single) if !matches!(ask, Ask::Step(_) | Ask::Initialize(_)) => {
                 single.answer(&ask).map_err(error)
@@ -54,24 +54,11 @@ impl Instance {
                 }
                 answer
             }
-        }
+        };
+        into_python(py, answer?)
     }
 
-    fn numbers(&self, py: Python<'_>, ask: Ask) -> PyResult<Vec<f64>> {
-        match self.ask(py, ask)? {
-            Answer::Numbers(numbers) => Ok(numbers),
-            other => Err(unexpected(&other)),
-        }
-    }
-
-    fn time(&self, py: Python<'_>, ask: Ask) -> PyResult<f64> {
-        match self.ask(py, ask)? {
-            Answer::Time(time) => Ok(time),
-            other => Err(unexpected(&other)),
-        }
-    }
-
-    fn typed(&self, values: Vec<(usize, Bound<'_, PyAny>)>) -> PyResult<Vec<(usize, Value)>> {
+    fn typed(&self, values: Values<'_>) -> PyResult<Vec<(usize, Value)>> {
         let typed = values.into_iter().map(|(scalar, value)| {
             let typed = self.names.typed(scalar, &written(&value)?).map_err(error)?;
             Ok((scalar, typed))
@@ -80,8 +67,17 @@ impl Instance {
     }
 }
 
-fn unexpected(answer: &Answer) -> PyErr {
-    error(anyhow::anyhow!("the worker process has sent a damaged answer: {answer:?}"))
+/// An answer as Python gets it.
+fn into_python(py: Python<'_>, answer: Answer) -> PyResult<Bound<'_, PyAny>> {
+    match answer {
+        Answer::Time(time) => time.into_bound_py_any(py),
+        Answer::Numbers(numbers) => numbers.into_bound_py_any(py),
+        Answer::Saved(number) => number.into_bound_py_any(py),
+        Answer::Values(values) => {
+            let values = values.into_iter().map(|value| to_python(py, value));
+            values.collect::<PyResult<Vec<_>>>()?.into_bound_py_any(py)
+        }
+    }
 }
 
 /// Waits for the answer of a worker; Ctrl-C ends the worker.
@@ -120,6 +116,9 @@ fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
     })
 }
 
+/// Values of scalars, by their numbers.
+type Values<'py> = Vec<(usize, Bound<'py, PyAny>)>;
+
 /// A variable as Python gets it: name, causality, variability, type, unit, start values, description, dimensions.
 type Described<'py> = (
     String,
@@ -136,19 +135,8 @@ type Described<'py> = (
 impl Instance {
     /// Instantiates an FMU, in this process unless `program` starts a worker process.
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "Python passes them by position")]
-    fn new(
-        py: Python<'_>,
-        file: PathBuf,
-        name: Option<String>,
-        interface_name: Option<&str>,
-        start_time: f64,
-        tolerance: Option<f64>,
-        sizes: Vec<(String, String)>,
-        program: Vec<OsString>,
-    ) -> PyResult<Self> {
-        let interface = interface_name.map(interface).transpose().map_err(error)?;
-        let setup = Setup { file, name, interface, start: start_time, tolerance, sizes };
+    fn new(py: Python<'_>, setup: &str, program: Vec<OsString>) -> PyResult<Self> {
+        let setup: Setup = given(setup).map_err(error)?;
         let (names, place) = py
             .detach(|| {
                 let names = Names::open(&setup)?;
@@ -200,60 +188,55 @@ impl Instance {
         (self.names.states().to_vec(), self.names.is_directional())
     }
 
-    fn initialize(&self, py: Python<'_>, values: Vec<(usize, Bound<'_, PyAny>)>) -> PyResult<f64> {
-        self.time(py, Ask::Initialize(self.typed(values)?))
+    fn initialize<'py>(&self, py: Python<'py>, values: Values<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Initialize(self.typed(values)?))
     }
 
-    fn step(&self, py: Python<'_>, size: f64) -> PyResult<f64> {
-        self.time(py, Ask::Step(size))
+    fn step<'py>(&self, py: Python<'py>, size: f64) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Step(size))
     }
 
-    fn get<'py>(&self, py: Python<'py>, scalars: Vec<usize>) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        match self.ask(py, Ask::Get(scalars))? {
-            Answer::Values(values) => values.into_iter().map(|v| to_python(py, v)).collect(),
-            other => Err(unexpected(&other)),
-        }
+    fn get<'py>(&self, py: Python<'py>, scalars: Vec<usize>) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Get(scalars))
     }
 
-    fn set(&self, py: Python<'_>, values: Vec<(usize, Bound<'_, PyAny>)>) -> PyResult<f64> {
-        self.time(py, Ask::Set(self.typed(values)?))
+    fn set<'py>(&self, py: Python<'py>, values: Values<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Set(self.typed(values)?))
     }
 
-    fn save(&self, py: Python<'_>) -> PyResult<u64> {
-        match self.ask(py, Ask::Save)? {
-            Answer::Saved(number) => Ok(number),
-            other => Err(unexpected(&other)),
-        }
+    fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Save)
     }
 
-    fn restore(&self, py: Python<'_>, state: u64) -> PyResult<f64> {
-        self.time(py, Ask::Restore(state))
+    fn restore<'py>(&self, py: Python<'py>, state: u64) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Restore(state))
     }
 
-    fn forget(&self, py: Python<'_>, state: u64) -> PyResult<f64> {
-        self.time(py, Ask::Forget(state))
+    fn forget(&self, py: Python<'_>, state: u64) {
+        // An instance that was freed has no states.
+        let _ = self.ask(py, Ask::Forget(state));
     }
 
-    fn states(&self, py: Python<'_>) -> PyResult<Vec<f64>> {
-        self.numbers(py, Ask::States)
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::States)
     }
 
-    fn set_states(&self, py: Python<'_>, states: Vec<f64>) -> PyResult<f64> {
-        self.time(py, Ask::SetStates(states))
+    fn set_states<'py>(&self, py: Python<'py>, states: Vec<f64>) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::SetStates(states))
     }
 
-    fn derivatives(&self, py: Python<'_>) -> PyResult<Vec<f64>> {
-        self.numbers(py, Ask::Derivatives)
+    fn derivatives<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Derivatives)
     }
 
-    fn directional(
+    fn directional<'py>(
         &self,
-        py: Python<'_>,
+        py: Python<'py>,
         unknowns: Vec<usize>,
         knowns: Vec<usize>,
         seed: Vec<f64>,
-    ) -> PyResult<Vec<f64>> {
-        self.numbers(py, Ask::Directional(unknowns, knowns, seed))
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.ask(py, Ask::Directional(unknowns, knowns, seed))
     }
 
     fn free(&self, py: Python<'_>) {

@@ -21,26 +21,6 @@ if TYPE_CHECKING:
     from .sweeps import Sweep, sweep
     from .system import System, simulate
 
-_MODULES = {
-    "Comparison": "comparison",
-    "Difference": "comparison",
-    "FmuError": "result",
-    "Instance": "instance",
-    "Message": "result",
-    "PythonComponent": "components",
-    "Result": "result",
-    "State": "instance",
-    "Sweep": "sweeps",
-    "System": "system",
-    "Variable": "instance",
-    "compare": "comparison",
-    "python_component": "components",
-    "read": "result",
-    "simulate": "system",
-    "sweep": "sweeps",
-}
-"""The modules of the names, which are imported on first use: the command line needs no NumPy."""
-
 __all__ = [
     "Comparison",
     "Difference",
@@ -62,9 +42,13 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+    # On first use: the command line needs no NumPy.
+    modules = "system result instance components comparison sweeps".split()
+    for module in modules if name in __all__ else ():
+        found = importlib.import_module(f".{module}", __name__)
+        if hasattr(found, name):
+            return getattr(found, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

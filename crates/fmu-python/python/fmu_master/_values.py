@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,13 +12,12 @@ import numpy as np
 
 
 def toml(value: Any) -> str:
-    """Return a value as TOML."""
+    """Return a value as TOML; tables have no keys for None."""
     match value:
         case bool() | np.bool_():
             return "true" if value else "false"
         case Mapping():
-            pairs = (f"{toml(key)} = {toml(part)}" for key, part in value.items())
-            return f"{{ {', '.join(pairs)} }}"
+            return f"{{ {', '.join(_pairs(value))} }}"
         case list() | tuple():
             return f"[{', '.join(map(toml, value))}]"
         case int() | np.integer():
@@ -29,12 +29,17 @@ def toml(value: Any) -> str:
     raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
 
 
-def document(keys: Mapping[str, Any], tables: str) -> str:
-    """Return a TOML file, in which one key has a list of tables."""
-    lines = [f"{key} = {toml(value)}" for key, value in keys.items() if key != tables]
+def document(keys: Mapping[str, Any], tables: str = "") -> str:
+    """Return a TOML file, in which one key may have a list of tables."""
+    lines = _pairs({key: value for key, value in keys.items() if key != tables})
     for table in keys.get(tables, ()):
-        lines += [f"[[{tables}]]", *(f"{key} = {toml(part)}" for key, part in table.items())]
+        lines += [f"[[{tables}]]", *_pairs(table)]
     return "\n".join([*lines, ""])
+
+
+def _pairs(table: Mapping[str, Any]) -> list[str]:
+    names = {key: key if re.fullmatch(r"[\w-]+", key, re.ASCII) else toml(key) for key in table}
+    return [f"{names[key]} = {toml(part)}" for key, part in table.items() if part is not None]
 
 
 def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

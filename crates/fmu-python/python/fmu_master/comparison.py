@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from . import _native
-from .result import FmuError, Result, called, read
+from .result import FmuError, Result, read
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,7 +125,7 @@ def compare(
         for table in tables
     ]
     names = ("the reference", "the results")
-    found = called(_native.compare, columns, names, absolute, relative, list(hold))
+    found = _native.compare(columns, names, absolute, relative, list(hold))
     differences = [Difference(name, time, tuple(two), text) for name, time, two, text in found]
     return Comparison(differences, *tables)
 

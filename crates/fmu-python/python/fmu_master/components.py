@@ -19,14 +19,16 @@ class PythonComponent:
     types: Mapping[str, str]
     reset: Callable[[], object] | None
 
-    def description(self, name: str) -> dict[str, Any]:
-        """Return what the native module needs of a component with this name."""
-        variables = ("inputs", self.inputs), ("outputs", self.outputs)
-        arguments = {
-            key: [(n, self.types.get(n, "Float64"), self.units.get(n, "")) for n in names]
-            for key, names in variables
-        }
-        return {"name": name, "sample_time": self.sample_time, "step": self.step} | arguments
+    def signature(self) -> dict[str, Any]:
+        """Return what the native module needs of it."""
+
+        def argument(name: str) -> dict[str, str]:
+            kind, unit = self.types.get(name, "Float64"), self.units.get(name, "")
+            return {"name": name, "of_type": kind, "unit": unit}
+
+        variables = {"inputs": self.inputs, "outputs": self.outputs}
+        arguments = {key: [argument(name) for name in names] for key, names in variables.items()}
+        return {"sample_time": self.sample_time} | arguments
 
 
 def python_component(

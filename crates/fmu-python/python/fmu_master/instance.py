@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -13,8 +12,7 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
-from ._values import elements, texts
-from .result import called
+from ._values import document, elements, texts
 
 
 class Variable(NamedTuple):
@@ -41,8 +39,7 @@ class State:
         """The time of the state [s]."""
 
     def __del__(self) -> None:
-        with contextlib.suppress(RuntimeError):  # the instance was freed, and all its states
-            self._native.forget(self._number)
+        self._native.forget(self._number)
 
 
 class Instance:
@@ -96,10 +93,15 @@ class Instance:
         name: str | None = None,
         in_process: bool = False,
     ):
-        file, program = Path(filename).absolute(), [] if in_process else WORKER
         given = dict(start_values or {})
-        arguments = (file, name, interface, start_time, tolerance)
-        self._native = called(_native.Instance, *arguments, texts(given), program)
+        setup: dict[str, Any] = {
+            "name": name,
+            "interface": interface,
+            "start": start_time,
+            "tolerance": tolerance,
+        }
+        setup |= {"file": Path(filename).absolute(), "sizes": texts(given)}
+        self._native = _native.Instance(document(setup), [] if in_process else WORKER)
         self._time: float = start_time
         self._starts: dict[str, Any] = given
         self._is_initialized = False
@@ -135,13 +137,13 @@ class Instance:
         """Initialize the FMU with the start values, unless it is initialized."""
         if not self._is_initialized:
             values = self._values(dict(self._starts))
-            self._time = called(self._native.initialize, values)
+            self._time = self._native.initialize(values)
             self._is_initialized = True
 
     def step(self, step_size: float) -> None:
         """Step by a time [s]."""
         self.initialize()
-        self._time = called(self._native.step, step_size)
+        self._time = self._native.step(step_size)
 
     def get(self, names: str | Iterable[str]) -> Any:
         """Return the value of a variable, or an array of the values of several."""
@@ -154,7 +156,7 @@ class Instance:
         """Return the values of variables, in their types."""
         self.initialize()
         numbers = [number for name in names for number in self._numbers(name)]
-        return list(called(self._native.get, numbers))
+        return list(self._native.get(numbers))
 
     def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
         """Set a variable, or those of a mapping; before the initialization, start values."""
@@ -162,44 +164,44 @@ class Instance:
         if not self._is_initialized:
             self._starts |= values
         else:
-            called(self._native.set, self._values(values))
+            self._native.set(self._values(values))
 
     def save(self) -> State:
         """Save the state of the FMU, which can be restored any number of times."""
         self.initialize()
-        return State(self._native, called(self._native.save), self._time)
+        return State(self._native, self._native.save(), self._time)
 
     def restore(self, state: State) -> None:
         """Return to a saved state and its time."""
-        self._time = called(self._native.restore, state._number)
+        self._time = self._native.restore(state._number)
 
     @property
     def continuous_states(self) -> np.ndarray:
         """The continuous states, by model exchange; they can be assigned."""
         self.initialize()
-        return np.array(called(self._native.states))
+        return np.array(self._native.states())
 
     @continuous_states.setter
     def continuous_states(self, states: Sequence[float]) -> None:
         self.initialize()
-        called(self._native.set_states, [float(state) for state in states])
+        self._native.set_states([float(state) for state in states])
 
     def derivatives(self) -> np.ndarray:
         """Return the derivatives of the continuous states, by model exchange."""
         self.initialize()
-        return np.array(called(self._native.derivatives))
+        return np.array(self._native.derivatives())
 
     def directional_derivative(
         self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
     ) -> np.ndarray:
         """Return the derivative of the unknowns with the knowns changing as the seed."""
         self.initialize()
-        scalars = [[self._numbers(n)[0] for n in names] for names in (unknowns, knowns)]
-        return np.array(called(self._native.directional, *scalars, [float(s) for s in seed]))
+        of, by = ([self._numbers(n)[0] for n in names] for names in (unknowns, knowns))
+        return np.array(self._native.directional(of, by, [float(s) for s in seed]))
 
     def _numbers(self, name: str) -> list[int]:
         if name not in self._scalars:
-            self._scalars[name] = list(range(*called(self._native.find, name)))
+            self._scalars[name] = list(range(*self._native.find(name)))
         return self._scalars[name]
 
     def _values(self, values: Mapping[str, Any]) -> list[tuple[int, Any]]:

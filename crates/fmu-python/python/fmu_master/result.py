@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -62,14 +62,6 @@ class FmuError(RuntimeError):
         super().__init__(in_python(text))
         self.component, self.function, self.time = component, function or None, time
         self.result = result
-
-
-def called(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a native function, whose errors are those of FMUs."""
-    try:
-        return function(*arguments)
-    except RuntimeError as error:
-        raise FmuError(*error.args) from None
 
 
 class Message(NamedTuple):
@@ -207,7 +199,7 @@ def read(filename: str | os.PathLike[str]) -> Result:
     FmuError
         The file cannot be read, or has no table.
     """
-    columns = called(_native.read, Path(filename))
+    columns = _native.read(Path(filename))
     units = {name: unit for name, unit, _ in columns}
     return Result.of({name: _column(cells) for name, _, cells in columns}, units)
 

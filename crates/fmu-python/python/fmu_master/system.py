@@ -18,7 +18,7 @@ from . import _native
 from ._command import WORKER
 from ._values import document, elements, texts, toml
 from .components import PythonComponent
-from .result import FmuError, Result, called
+from .result import FmuError, Result
 
 Input = Any
 """Inputs over time: a structured array, a mapping from names to arrays, or a data frame, with
@@ -109,19 +109,14 @@ class System:
 
     def times(self) -> tuple[float, float, float]:
         """Return the start time, the stop time and the communication step [s]."""
-        start, stop, step = called(_native.times, self._given())
-        return start, stop, step
+        return _native.times(self._given({}))
 
-    def _given(self) -> dict[str, Any]:
-        """Return what the native module needs of the system, without changes."""
-        none = dict.fromkeys(("start", "stop", "step", "order", "tolerance", "input", "interface"))
-        return none | {
-            "file": self.file,
-            "text": None if self.description is None else self._text(),
-            "functions": [function.description(name) for name, function in self._functions()],
-            "outputs": [],
-            "sets": [],
-        }
+    def _given(self, changes: Mapping[str, Any], sets: Sequence[tuple[str, str]] = ()) -> str:
+        """Return what the native module needs of the system."""
+        text = None if self.description is None else self._text()
+        functions = [(name, function.signature()) for name, function in self._functions()]
+        given = {"file": self.file, "text": text, "functions": functions}
+        return document(given | {"changes": changes, "sets": sets})
 
     @contextlib.contextmanager
     def loaded(self) -> Iterator[System]:
@@ -174,7 +169,7 @@ class System:
         FmuError
             As for `simulate`.
         """
-        given = self._given() | {
+        changes: dict[str, Any] = {
             "start": start_time,
             "stop": stop_time,
             "step": step_size,
@@ -182,17 +177,19 @@ class System:
             "tolerance": tolerance,
             "outputs": list(output or ()),
             "interface": interface,
-            "sets": texts(start_values or {}),
         }
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
         with contextlib.ExitStack() as stack:
             if input is not None:
-                given["input"] = stack.enter_context(_input_file(input, given))
+                system = self._given(changes)
+                changes["input"] = stack.enter_context(_input_file(input, system))
             shown = stack.enter_context(_progress()) if progress else None
-            for _, function in self._functions():
+            functions = [function for _, function in self._functions()]
+            for function in functions:
                 if function.reset is not None:
                     function.reset()
-            done = called(runner.run, given, shown)
+            given = self._given(changes, texts(start_values or {}))
+            done = runner.run(given, [function.step for function in functions], shown)
         for text in done["warnings"]:
             warnings.warn(text, stacklevel=2)
         fault, raised = done.pop("fault"), done.pop("raised")
@@ -303,14 +300,14 @@ def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _input_file(given: Input, system: Mapping[str, Any]) -> Iterator[Path]:
+def _input_file(given: Input, system: str) -> Iterator[Path]:
     """Write inputs to a temporary CSV file."""
     names = list(given.columns if hasattr(given, "columns") else given)
     if hasattr(given, "dtype"):
         names = list(given.dtype.names or ())
     functions = [name for name in names if callable(given[name])]
     if functions:
-        start, stop, step = called(_native.times, system)
+        start, stop, step = _native.times(system)
         count = int((stop - start) / step + 1e-6) + 2
         time = start + np.arange(count) * step
         values = {"time": time, **{n: [given[n](t) for t in time.tolist()] for n in functions}}
