@@ -1,10 +1,13 @@
 """Writes docs/python-api.md, the reference of the Python modules, from their docstrings."""
 
-import ast
-import inspect
-import re
+import subprocess
+import sys
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
+
+import griffe
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "crates" / "fmu-python" / "python" / "fmu_master"
@@ -19,141 +22,75 @@ MODULES = {
 }
 """The modules that users import, and the files that define their names."""
 
-HEAD = """\
-# Python reference
 
-Made from the docstrings by `docs/api.py`. [The master in Python](python.md) and
-[Tests and tuning](engineering.md) are the introductions.
-"""
-
-WIDTH = 100
-"""The length of a line of code."""
-
-Function = ast.FunctionDef | ast.AsyncFunctionDef
+def signature(of: griffe.Class | griffe.Function) -> str:
+    """Return a function, or the construction of a class, on several lines if it is long."""
+    is_class = isinstance(of, griffe.Class)
+    function = of["__init__"] if is_class else of
+    text = f"def {function.signature(name=of.name, return_type=not is_class)}: ..."
+    command = [sys.executable, "-m", "ruff", "format", f"--config={ROOT / 'pyproject.toml'}", "-"]
+    done = subprocess.run(command, input=text, stdout=subprocess.PIPE, text=True, check=True)
+    return done.stdout.strip().removeprefix("def ").removesuffix(": ...")
 
 
-def text(docstring: str) -> str:
-    """Return a docstring, whose sections have underlined headings, as Markdown."""
-    parts = re.split(r"^(\w+)\n-+\n", docstring, flags=re.MULTILINE)
-    sections = [parts[0].strip()]
-    for title, body in zip(parts[1::2], parts[2::2], strict=True):
-        if title == "Examples":
-            sections.append(f"```pycon\n{body.strip()}\n```")
+def groups(section: griffe.DocstringSection) -> Iterator[tuple[str, str]]:
+    """Yield the names that have a description in common, and the description."""
+    for about, grouped in groupby(section.value, lambda item: item.description):
+        items = list(grouped)
+        # An exception has no name but a type.
+        names = ", ".join(getattr(item, "name", str(item.annotation)) for item in items)
+        is_typed = section.kind.value == "attributes"
+        yield f"{names} : {items[0].annotation}" if is_typed else names, about
+
+
+def kinds(of: griffe.Object) -> set[str]:
+    """Return the kinds of the sections of a docstring."""
+    return {section.kind.value for section in of.docstring.parsed} if of.docstring else set()
+
+
+def members(of: griffe.Class) -> Iterator[tuple[str, griffe.Docstring | None]]:
+    """Yield the public members of a class and their docstrings, fields without one together."""
+    fields = []
+    is_record = "dataclass" in of.labels or "__init__" not in of.members
+    has_fields = is_record and "attributes" not in kinds(of)
+    for name, member in of.members.items():
+        if name.startswith("_") or not (member.docstring or (has_fields and member.is_attribute)):
             continue
-        # What is described stands at the margin, its description is indented.
-        entries = re.split(r"^(?=\S)", body.strip(), flags=re.MULTILINE)
-        lines = [re.sub(r"^(.*)\n\s+", r"- `\1`: ", entry.rstrip()) for entry in entries if entry]
-        lines = [re.sub(r"\n +", "\n  ", line) for line in lines]
-        listed = [line for line in lines if line.startswith("- ")]
-        others = lines[len(listed) :]
-        sections.append("\n".join([f"**{title}**", "", *listed]))
-        sections += ["\n".join(others)] if others else []
-    return "\n\n".join(sections)
-
-
-def arguments(node: ast.arguments) -> Iterator[str]:
-    """Yield the arguments of a function, one by one."""
-    plain = [*node.posonlyargs, *node.args]
-    missing = [None] * (len(plain) - len(node.defaults))
-    pairs = list(zip(plain, [*missing, *node.defaults], strict=True))
-    named = list(zip(node.kwonlyargs, node.kw_defaults, strict=True))
-    for index, (argument, default) in enumerate([*pairs, *named]):
-        if index == len(plain):
-            yield "*"
-        begin = ast.unparse(argument)
-        if begin not in ("self", "cls"):
-            yield begin if default is None else f"{begin} = {ast.unparse(default)}"
-        if index == len(node.posonlyargs) - 1:
-            yield "/"
-    if node.kwarg:
-        yield f"**{ast.unparse(node.kwarg)}"
-
-
-def signature(name: str, node: Function) -> str:
-    """Return a function as it is called, on several lines if it is long."""
-    each = list(arguments(node.args))
-    returns = f" -> {ast.unparse(node.returns)}" if node.name != "__init__" else ""
-    line = f"{name}({', '.join(each)}){returns}"
-    if len(line) <= WIDTH:
-        return line
-    return "\n".join([f"{name}(", *[f"    {argument}," for argument in each], f"){returns}"])
-
-
-def is_property(node: Function) -> bool:
-    """Return whether a method is read like an attribute."""
-    names = {ast.unparse(decorator) for decorator in node.decorator_list}
-    return bool(names & {"property", "cached_property"})
-
-
-def variables(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
-    """Yield the public variables of a class or module, and their docstrings."""
-    for node, after in zip(body, [*body[1:], ast.Pass()], strict=True):
-        if isinstance(node, ast.AnnAssign):
-            name = f"{ast.unparse(node.target)}: {ast.unparse(node.annotation)}"
-        elif isinstance(node, ast.Assign):
-            name = ast.unparse(node)
-        else:
-            continue
-        about = after.value if isinstance(after, ast.Expr) else None
-        if isinstance(about, ast.Constant) and re.match("[a-z]|[A-Z][a-z]", name):
-            yield name, inspect.cleandoc(about.value)
-        elif isinstance(node, ast.AnnAssign) and not name.startswith("_"):
-            yield name, ""
-
-
-def members(of: ast.ClassDef) -> Iterator[tuple[str, str]]:
-    """Yield the public attributes, properties and methods of a class, and their docstrings."""
-    if "Attributes\n" not in (ast.get_docstring(of) or ""):
-        yield from variables(of.body)
-    for node in of.body:
-        if not isinstance(node, Function) or node.name.startswith("_"):
-            continue
-        if docstring := ast.get_docstring(node):
-            returns = f": {ast.unparse(node.returns)}" if node.returns else ""
-            is_read = is_property(node)
-            yield node.name + returns if is_read else signature(node.name, node), docstring
-
-
-def described(node: ast.ClassDef | Function) -> str:
-    """Return the section of a class or function."""
-    docstring = ast.get_docstring(node) or ""
-    shown = [] if isinstance(node, ast.ClassDef) else [node]
-    if "Parameters\n" in docstring and not shown:
-        shown = [item for item in node.body if getattr(item, "name", "") == "__init__"]
-    parts = [f"### {node.name}"]
-    parts += [f"```text\n{signature(node.name, function)}\n```" for function in shown]
-    parts.append(text(docstring))
-    names = []
-    for name, about in members(node) if isinstance(node, ast.ClassDef) else ():
-        names.append(name)
-        if about:
-            parts += ["```text\n{}\n```".format("\n".join(names)), text(about)]
-            names = []
-    if names:
-        parts.append("```text\n{}\n```".format("\n".join(names)))
-    return "\n\n".join(part for part in parts if part)
+        is_read = member.is_attribute
+        fields.append(f"{name}: {member.annotation}" if is_read else signature(member))
+        if member.docstring:
+            yield "\n".join(fields), member.docstring
+            fields = []
+    if fields:
+        yield "\n".join(fields), None
 
 
 def page() -> str:
     """Return the page."""
-    exported = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
-    public = next(
-        ast.literal_eval(node.value)
-        for node in exported.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+    package = griffe.load(
+        PACKAGE.name,
+        search_paths=[PACKAGE.parent],
+        docstring_parser="numpy",
+        docstring_options={"warn_unknown_params": False, "warn_missing_types": False},
+        allow_inspection=False,
     )
-    sections = [HEAD]
-    for module, files in MODULES.items():
-        sections.append(f"## {module}\n")
-        for file in files:
-            tree = ast.parse((PACKAGE / f"{file}.py").read_text(encoding="utf-8"))
-            sections += [f"`{name}`: {about}\n" for name, about in variables(tree.body)]
-            for node in tree.body:
-                if not isinstance(node, ast.ClassDef | Function) or node.name.startswith("_"):
-                    continue
-                if module != "fmu_master" or node.name in public:
-                    sections.append(f"{described(node)}\n")
-    return "\n".join(sections)
+    loader = FileSystemLoader(Path(__file__).parent)
+    options = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    environment = Environment(loader=loader, undefined=StrictUndefined, **options)
+    filters = (groups, kinds, members, signature)
+    environment.filters |= {function.__name__: function for function in filters}
+
+    def public(module: str, files: list[str]) -> list[griffe.Object]:
+        found = [item for file in files for item in package[file].members.items()]
+        return [
+            member
+            for name, member in found
+            if not (member.is_alias or name.startswith("_")) and member.docstring
+            if module != PACKAGE.name or member.is_attribute or name in package.exports
+        ]
+
+    named = {module: public(module, files) for module, files in MODULES.items()}
+    return environment.get_template("python-api.md.j2").render(named=named)
 
 
 if __name__ == "__main__":

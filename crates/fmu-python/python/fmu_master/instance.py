@@ -35,7 +35,7 @@ class State:
 
     def __init__(self, native: _native.Instance, number: int, time: float):
         self._native, self._number = native, number
-        self.time = time
+        self.time: float = time
         """The time of the state [s]."""
 
     def __del__(self) -> None:
@@ -44,6 +44,9 @@ class State:
 
 class Instance:
     """An instance of an FMU that is stepped by hand.
+
+    The instance is initialized on first use. As a context manager it is freed at the end. Values
+    are in the units of the variables.
 
     Parameters
     ----------
@@ -64,9 +67,6 @@ class Instance:
         Run in this process, in which a call takes about a microsecond, but a crash ends Python. By
         default, the FMU runs in a child process: a call takes some ten microseconds, and a crash is
         an `FmuError`.
-
-    The instance is initialized on first use. As a context manager it is freed at the end. Values
-    are in the units of the variables.
 
     Raises
     ------

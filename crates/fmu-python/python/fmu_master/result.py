@@ -39,6 +39,8 @@ def in_python(text: str) -> str:
 class FmuError(RuntimeError):
     """An FMU that cannot be used, fails or ends its process, or a system that does not fit.
 
+    What a component in Python has raised is the `__cause__`.
+
     Attributes
     ----------
     component, function : str or None
@@ -47,8 +49,6 @@ class FmuError(RuntimeError):
         The communication point [s].
     result : Result or None
         The rows up to then.
-
-    What a component in Python has raised is the `__cause__`.
     """
 
     def __init__(

@@ -26,7 +26,7 @@ Input = Any
 
 
 class System:
-    """FMUs and their connections.
+    """FMUs and their connections. Paths are relative to the file, or to the current folder.
 
     Parameters
     ----------
@@ -39,8 +39,6 @@ class System:
         `connections` has pairs
         (output, input), texts "component.output -> component.input" or dicts; `start`, `stop` and
         `step` are in s; `order` is "sequential" or "parallel".
-
-    Paths are relative to the file, or to the current folder.
 
     Examples
     --------
