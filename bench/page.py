@@ -3,8 +3,9 @@
 import json
 import operator
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from statistics import median, quantiles
@@ -25,16 +26,6 @@ SEVERAL = ("Pendulum, linear", "Pid", "PidRbf", REFERENCE.name)
 
 # --- ratios of costs that were measured in the same rounds, and their aims -----------------
 
-AIMS = {
-    "Pid stand": "at most 1.3",
-    "Pid move": "at most 1.25",
-    "PidRbf move": "at most 2.5",
-    "IpidRbf move": "at most 2.5",
-    "Pendulum, linear stand": "at most 1.5",
-    "Pendulum, linear move": "at most 1.5",
-}
-"""Limits of a cycle, as multiples of a cycle of the bare PID in C."""
-
 MISSED = ("missed", "unclear")
 
 MET = {"most": operator.le, "least": operator.ge}
@@ -49,12 +40,15 @@ class Ratio:
     to: str
     other: Sequence[float]
     aim: str = ""
-    shown: Callable[[float], str] = field(default_factory=lambda: ns)
 
     @property
     def name(self) -> str:
         """What is compared with what."""
         return f"{self.what}, relative to {self.to}"
+
+    def shown(self, cost: float) -> str:
+        """Return a cost with its unit."""
+        return megabytes(cost) if "memory" in self.what else ns(cost)
 
     @property
     def rounds(self) -> list[float]:
@@ -86,84 +80,25 @@ class Ratio:
 Ratios = dict[Any, Ratio]
 
 
-def cycle_ratios(costs: Costs) -> Ratios:
-    """Return the costs of cycles relative to the bare PID in C."""
-    found = {}
+def ratios(costs: Costs) -> dict[str, Ratios]:
+    """Return the ratios of ratios.toml by kind and by FMU and inputs, or by the other cost."""
+    tables = tomllib.loads(Path(__file__).with_name("ratios.toml").read_text(encoding="utf-8"))
+    aims, found = tables.pop("aims"), {kind: {} for kind in tables}
     names = [REFERENCE.name, *MODELS, *(case.name for case in BASELINE), SOURCE.name]
-    for name, inputs in product(names, INPUTS):
-        what = f"a cycle of {code(name)} whose inputs {inputs}"
-        ours, other = (costs[f"cycle/{n} {inputs}"] for n in (name, REFERENCE.name))
-        aim = AIMS.get(f"{name} {inputs}", "")
-        found[name, inputs] = Ratio(what, ours, "the bare PID", other, aim)
+    cases = {"cycles": names, "versions": [case.name for case in VERSIONS]}
+    for kind, rows in tables.items():
+        inner = list(product(cases[kind], INPUTS)) if kind in cases else [("", "")]
+        for row, (name, inputs) in product(rows, inner):
+            for n in range(2, len(costs)) if "{n}" in row["other"] else [0]:
+                given = {"name": name, "code": code(name), "inputs": inputs, "n": n}
+                what, ours, to, other = (
+                    row[part].format_map(given) for part in ("what", "ours", "to", "other")
+                )
+                if ours in costs and other in costs:
+                    aim = row.get("aim") or aims.get(f"{name} {inputs}", "")
+                    ratio = Ratio(what, costs[ours], to, costs[other], aim)
+                    found[kind].setdefault((name, inputs) if name else other, ratio)
     return found
-
-
-def version_ratios(costs: Costs) -> Ratios:
-    """Return the costs of cycles in FMI 3.0 relative to FMI 2.0."""
-    found = {}
-    for name, inputs in product([case.name for case in VERSIONS], INPUTS):
-        new, old = (costs[f"cycle/{name}{version} {inputs}"] for version in (", FMI 3.0", ""))
-        what = f"a cycle in FMI 3.0 of {code(name)} whose inputs {inputs}"
-        found[name, inputs] = Ratio(what, new, "FMI 2.0", old, "at most 1.1")
-    return found
-
-
-def host_ratios(costs: Costs) -> Ratios:
-    """Return the costs of the native master, by what it is compared with."""
-    step, loop = "a step of the coupled pair, natively", "a loop of the sweep, 1 process"
-    cycle, own = "a cycle of `PidRbf` from C, 1 thread", "cycles of its two FMUs"
-    rows = [
-        (step, "pair/native", own, "pair/own", "at most 1.35"),
-        (step, "pair/native", "a master in C", "pair/C", "at most 1.2"),
-        ("the same step in FMPy", "pair/FMPy", "the native one", "pair/native", "at least 200"),
-        (loop, "sweep/1", "the bare loop in C", "sweep/C", "at most 1.4"),
-    ]
-    for n in range(2, sum(name.startswith("sweep/") for name in costs)):
-        rows.append((loop, "sweep/1", f"{n} processes", f"sweep/{n}", "at least 1.9" * (n == 2)))
-        # what the machine's cores can bring
-        threads = "threads/PidRbf/"
-        rows.append((cycle, f"{threads}1", f"{n} threads", f"{threads}{n}", ""))
-    return {
-        other: Ratio(what, costs[ours], to, costs[other], aim)
-        for what, ours, to, other, aim in rows
-    }
-
-
-MASTERS = {
-    "simulate, in process": "`simulate`, in process",
-    "simulate": "`simulate`",
-    "by hand, in process": "`Instance`, in process",
-    "by hand": "`Instance`",
-    "FMPy": "FMPy",
-    "libcosim": "libcosim",
-    "ecos": "Ecos",
-    "fmuloader": "fmuloader",
-}
-
-
-def master_ratios(costs: Costs) -> Ratios:
-    """Return how much faster than FMPy a loop is by each master that is called from Python."""
-    what, fmpy = "a step of the loop in FMPy", costs["master/FMPy"]
-    names = [name for name in MASTERS if f"master/{name}" in costs]
-    return {name: Ratio(what, fmpy, MASTERS[name], costs[f"master/{name}"]) for name in names}
-
-
-def module_ratios(costs: Costs) -> Ratios:
-    """Return what else is measured of the Python module."""
-    first, swept, flat = "first/first result", "the sweep from Python, 1 process", "at most 1.05"
-    rows = {
-        "first": ("from `import` to the first result", first, "FMPy", f"{first} of FMPy", "", ns),
-        "sweep": (swept, "module/1", "2 processes", "module/2", "at least 1.85", ns),
-    }
-    for kind, where in (("memory", "a child process"), ("memory, in process", "process")):
-        many, few = sorted((c for c in costs if c.startswith(f"{kind}/")), key=len, reverse=True)
-        counts = [name.split("/")[1] for name in (many, few)]
-        what = f"memory after {counts[0]} loops in {where}"
-        rows[kind] = (what, many, f"after {counts[1]} loops", few, flat, megabytes)
-    return {
-        key: Ratio(what, costs[ours], to, costs[other], aim, shown)
-        for key, (what, ours, to, other, aim, shown) in rows.items()
-    }
 
 
 def rate(time: float) -> str:
@@ -179,19 +114,6 @@ def rate(time: float) -> str:
 def megabytes(size: float) -> str:
     """Return a size in bytes with a unit."""
     return f"{size / 1e6:.1f} MB"
-
-
-def wasm_ratios(costs: Costs) -> Ratios:
-    """Return the cost of a step of the coupled pair in wasmtime, by what it is compared with."""
-    if "pair/wasmtime" not in costs:
-        return {}
-    ours, native, fmpy = (costs[f"pair/{master}"] for master in ("wasmtime", "native", "FMPy"))
-    step, other = "a step of the coupled pair, in wasmtime", "the native one"
-    slower, to = "a step of the native FMUs in FMPy", "a step in wasmtime"
-    return {
-        "native": Ratio(step, ours, other, native, "at most 5"),
-        "FMPy": Ratio(slower, fmpy, to, ours),
-    }
 
 
 def engine_cells(costs: Costs, name: str) -> list[str]:
@@ -214,25 +136,14 @@ WORSE = 1.03
 """A ratio that is worse by more than this factor is reported."""
 
 
-KINDS = {
-    "cycles": cycle_ratios,
-    "versions": version_ratios,
-    "host": host_ratios,
-    "masters": master_ratios,
-    "module": module_ratios,
-    "components": wasm_ratios,
-}
-
-
 def published(results: Mapping) -> dict[str, Any]:
     """Return what is kept of a publication. Ratios to threads only describe the machine."""
-    machine, costs = results["machine"], results["costs"]
-    kinds = (find(costs) for find in KINDS.values())
-    ratios = [ratio for kind in kinds for ratio in kind.values() if "thread" not in ratio.to]
+    machine, kinds = results["machine"], ratios(results["costs"]).values()
+    kept = [ratio for kind in kinds for ratio in kind.values() if "thread" not in ratio.to]
     return {
         "processor": machine["processor"],
         "vectors": machine["vectors"],
-        "ratios": {r.name: round(r.both[0], 3) for r in ratios if r.ours is not r.other},
+        "ratios": {r.name: round(r.both[0], 3) for r in kept if r.ours is not r.other},
     }
 
 
@@ -269,9 +180,9 @@ def render(results: Mapping) -> str:
     options = {"trim_blocks": True, "keep_trailing_newline": True}
     environment = Environment(loader=loader, undefined=StrictUndefined, **options)
     environment.filters |= {"code": code, "median": median, "ns": ns, "rate": rate, "row": row}
-    context: dict[str, Any] = {kind: find(costs) for kind, find in KINDS.items()}
-    context |= {
-        "missed": [r for kind in KINDS for r in context[kind].values() if r.verdict in MISSED],
+    kinds = ratios(costs)
+    context: dict[str, Any] = kinds | {
+        "missed": [r for kind in kinds.values() for r in kind.values() if r.verdict in MISSED],
         "engines": {name: engine_cells(results["wasm"]["costs"], name) for name in SIGNALS},
         "nodes": [],
         "python": None,
