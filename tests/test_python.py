@@ -387,17 +387,23 @@ SIGNALS = {
 
 def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
     """The integral of |e| is that of the samples, by the left rectangle."""
-    gains, masses = [200.0, 300.0, 250.0], [1.0, 1.1, 1.2]
+    plan = {
+        "controller.pid.kp": [200.0, 300.0, 250.0],
+        "plant.M": [1.0, 1.1, 1.2],
+        "source.signal": ["sine", "square", "step"],
+        "controller.previous_sample_terms": [True, False, True],
+    }
     out = tmp_path / "out.parquet"
     system = System({**loop, "stop": 1.0})
-    plan = {"controller.pid.kp": gains, "plant.M": masses}
     runs = sweep(plan, system, out, signals=SIGNALS)
-    assert runs["controller.pid.kp"].tolist() == gains
-    assert runs["plant.M"].tolist() == masses
-    for index, (gain, mass) in enumerate(zip(gains, masses, strict=True)):
-        result = system.simulate({"controller.pid.kp": gain, "plant.M": mass})
-        integral = np.sum(np.abs(result["controller.e"])) * 1e-3
-        assert runs["iae"][index] == pytest.approx(integral, rel=2e-3)
+    for index, values in enumerate(zip(*plan.values(), strict=True)):
+        assert tuple(runs[name][index] for name in plan) == values
+        result = system.simulate(dict(zip(plan, values, strict=True)))
+        error = result["controller.e"]
+        assert runs["final_e"][index] == error[-1]
+        assert runs["largest_u"][index] == np.max(np.abs(result["controller.u"]))
+        integral = np.sum(np.abs(error[:-1]) * np.diff(result["time"]))
+        assert runs["iae"][index] == pytest.approx(integral, rel=1e-12)
     fields = {field.name: str(field.type) for field in pyarrow.parquet.read_schema(out)}
     assert list(fields)[:3] == ["index", "controller.pid.kp", "plant.M"]
     assert [fields[name] for name in ("index", "iae", "diverged")] == ["int64", "double", "bool"]
@@ -407,7 +413,7 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
     for name in runs:
         np.testing.assert_array_equal(distributed[name], runs[name])
     with pytest.raises(FmuError, match="has no variable kp"):
-        sweep({"controller.kp": gains}, system, signals=SIGNALS)
+        sweep({"controller.kp": [200.0]}, system, signals=SIGNALS)
 
 
 def test_a_run_that_crashes_is_a_row_of_a_sweep_of_a_frame_also_on_dask(faulty):

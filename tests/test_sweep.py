@@ -1,18 +1,14 @@
-"""`cargo fmu sweep`: runs compared with FMPy, kills, tables, and bad input."""
+"""`cargo fmu sweep`: kills, tables, and bad input.
 
-import itertools
-import math
+`test_python.py` compares the runs with single ones.
+"""
+
 import re
 import subprocess
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 import sweeps
 from native import printed
-from pendulum_fmus.loop import TS, Loop
-from pendulum_fmus.master import simulate
 from pendulum_fmus.project import PROGRAM
 from sweeps import LONG, SHORT, done, expected, journal_of, local, table, wait_until
 
@@ -22,58 +18,6 @@ def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
     out = sweep.with_suffix(".csv")
     printed("sweep", sweep, "--out", out, *options)
     return table(out)
-
-
-# --- runs -----------------------------------------------------------------------------------------
-
-
-def test_the_runs_of_a_sweep_are_fmpys(program, fmus, tmp_path):
-    """Values of every type, in the fixed order with the first parameter varying slowest.
-
-    `crates/fmu-master/src/sweep/metrics.rs` tests each metric.
-    """
-    text = """
-        stop = 2.0
-        set = { "plant.theta0" = 0.05, "source.frequency" = 0.2 }
-        [[parameter]]
-        variable = "source.signal"
-        values = ["sine", "square"]
-        [[parameter]]
-        variable = "plant.dynamics"
-        values = [3]
-        [[parameter]]
-        variable = "controller.previous_sample_terms"
-        values = [true, false]
-        [[parameter]]
-        variables = ["controller.rbf.w0[1]", "controller.rbf.w0[4]"]
-        from = 0.5
-        to = 1.5
-        count = 2
-    """
-    rows = swept(sweeps.written(tmp_path, text))
-    grid = itertools.product(("sine", "square"), (True, False), (0.5, 1.5))
-    assert [int(row["index"]) for row in rows] == list(range(8))
-    for row, (signal, late, weight) in zip(rows, grid, strict=True):
-        values = {
-            "source.signal": signal,
-            "controller.previous_sample_terms": late,
-            "controller.rbf.w0[1]": weight,
-            "controller.rbf.w0[4]": weight,
-        }
-        assert {name: row[name] for name in values} == {
-            name: str(value).lower() for name, value in values.items()
-        }
-        overrides = {"plant.theta0": 0.05, "source.frequency": 0.2} | values
-        del overrides["source.signal"]
-        loop = Loop("PidRbf", signal, plant_model="nonlinear", overrides=tuple(overrides.items()))
-        with loop.system(fmus) as system:
-            names = ["controller.e", "controller.u"]
-            time, error, force = simulate(system, TS, TS, 2000, record=names).values()
-        assert (row["diverged"], row["diverged_at"], row["failure"]) == ("false", "", "")
-        assert float(row["final_e"]) == error[-1]
-        assert float(row["largest_u"]) == np.max(np.abs(force))
-        integral = math.fsum(np.abs(error[:-1]) * np.diff(time))
-        assert float(row["iae"]) == pytest.approx(integral, rel=1e-12)
 
 
 # --- tables ---------------------------------------------------------------------------------------
