@@ -286,8 +286,14 @@ TEXT = "(i32.const 8) (i32.const 1)"
         ("enter", "(return (i32.const 77))", "discriminant"),
         (
             "enter",
-            "(drop (call $now))",
-            "it calls now of wasi:clocks/monotonic-clock@0.2.6, which is",
+            "(call $exit (i32.const 0))",
+            "it calls exit of wasi:cli/exit@0.2.6, which is not granted",
+        ),
+        (
+            "enter",
+            "(i64.store (i32.const 16) (i64.const 99)) (call $date (i32.const 16))"
+            "(if (i64.ne (i64.load (i32.const 16)) (call $now)) (then unreachable))",
+            "fmi3ExitInitializationMode is missing from the component",
         ),
         (
             "enter",
@@ -302,9 +308,19 @@ TEXT = "(i32.const 8) (i32.const 1)"
         ),
         (
             "enter",
-            "(i32.store (i32.const 32) (i32.const 99))"
-            "(call $write (i32.const 0) (i32.const 8) (i32.const 5) (i32.const 32))"
+            "(i32.store16 (i32.const 8) (i32.const 0x0a61))"
+            "(i32.store8 (i32.const 32) (i32.const 99))"
+            "(call $write (call $stderr) (i32.const 8) (i32.const 1) (i32.const 32))"
+            "(call $write (call $stderr) (i32.const 8) (i32.const 2) (i32.const 32))"
             "(if (i32.load8_u (i32.const 32)) (then unreachable))",
+            "warning: hostile: aa\n|fmi3ExitInitializationMode is missing from the component",
+        ),
+        (
+            "enter",
+            "(i32.store16 (i32.const 8) (i32.const 0x6968))"
+            "(call $greet (call $create (i32.const 65)) (i32.const 8) (i32.const 2) (i32.const 16))"
+            "(if (i32.ne (i32.load16_u (i32.load (i32.const 16))) (i32.const 0x6941))"
+            "(then unreachable))",
             "fmi3ExitInitializationMode is missing from the component",
         ),
         ("options", "string-encoding=utf16", "texts that are not UTF-8"),

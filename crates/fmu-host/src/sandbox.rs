@@ -57,6 +57,8 @@ struct Data {
     has_logger: bool,
     resources: PathBuf,
     limits: StoreLimits,
+    /// The start of a line that the component prints.
+    printed: Vec<u8>,
 }
 
 /// An instance of a component.
@@ -85,6 +87,8 @@ type Made = (Vec<Method>, u32, Option<Function>);
 const TICK: Duration = Duration::from_millis(10);
 /// More ticks than there will be.
 const FOREVER: u64 = 1 << 60;
+/// The length at which lines that a component prints are cut.
+const LINE: usize = 8192;
 
 fn engine() -> wasmtime::Result<&'static Engine> {
     static ENGINE: OnceLock<Engine> = OnceLock::new();
@@ -144,6 +148,7 @@ impl Compiled {
             has_logger: arguments.treatment != Treatment::NoLogger,
             resources: arguments.resources.into(),
             limits: limits.build(),
+            printed: Vec::new(),
         };
         let mut store = Store::new(self.engine, data);
         store.limiter(|data| &mut data.limits);
@@ -161,7 +166,7 @@ impl Compiled {
                 Ok(Some(Box::new(instance)))
             }
             Err(Fault::Trap(error)) => {
-                store.data().log_fatal(&error, limit);
+                store.data_mut().log_fatal(&error, limit);
                 Err(Failure::new(function, Cause::Trapped))
             }
             Ok(None) | Err(Fault::Status(_)) => Ok(None),
@@ -212,7 +217,7 @@ impl Compiled {
     pub(crate) fn version(&self) -> Result<String> {
         let get = || {
             let (resources, limits) = (PathBuf::new(), StoreLimits::default());
-            let data = Data { callbacks: 0, has_logger: false, resources, limits };
+            let data = Data { callbacks: 0, has_logger: false, resources, limits, printed: vec![] };
             let mut store = Store::new(self.engine, data);
             store.set_epoch_deadline(FOREVER);
             let linked = Linked::new(&self.parts, &mut store)?;
@@ -294,8 +299,30 @@ impl Data {
         }
     }
 
+    /// Logs what the component prints, line by line. A line may come in parts.
+    fn print(&mut self, status: Status, bytes: &[u8]) {
+        for byte in bytes {
+            let is_end = *byte == b'\n';
+            if !is_end {
+                self.printed.push(*byte);
+            }
+            if is_end || self.printed.len() == LINE {
+                self.end_line(status);
+            }
+        }
+    }
+
+    fn end_line(&mut self, status: Status) {
+        let text = String::from_utf8_lossy(&self.printed).trim_end().to_owned();
+        self.printed.clear();
+        self.log(Logged { instance: None, status, category: Some("output".to_owned()), text });
+    }
+
     /// Says why a call did not return.
-    fn log_fatal(&self, error: &wasmtime::Error, limit: Option<Duration>) {
+    fn log_fatal(&mut self, error: &wasmtime::Error, limit: Option<Duration>) {
+        if !self.printed.is_empty() {
+            self.end_line(Status::Warning);
+        }
         let text = match (error.downcast_ref(), limit) {
             (Some(Trap::Interrupt), Some(limit)) => {
                 format!("not done after {} s", limit.as_secs_f64())
@@ -349,7 +376,7 @@ impl Instance {
         called.map_err(|fault| match fault {
             Fault::Status(status) => status,
             Fault::Trap(error) => {
-                self.store.data().log_fatal(&error, self.limit);
+                self.store.data_mut().log_fatal(&error, self.limit);
                 self.is_over = true;
                 TRAPPED
             }

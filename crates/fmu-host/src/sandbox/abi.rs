@@ -3,7 +3,7 @@
 use std::slice;
 
 use fmi_abi::fmi3::{fmi3Error, fmi3Status};
-use wasmtime::{AsContextMut, Error, Func, Memory, Result, Store, ValRaw};
+use wasmtime::{AsContextMut, Caller, Error, Func, Memory, Result, Store, Val, ValRaw};
 
 use super::Data;
 use super::link::Function;
@@ -196,6 +196,20 @@ pub(super) fn copy(
     let at = values[0].get_u32();
     write(store, memory, at, list)?;
     Ok(at)
+}
+
+/// Copies a text from the memory of a component to that of another. Its place, its length, and the place of the copy
+/// are given.
+pub(super) fn copy_text(
+    mut caller: Caller<'_, Data>,
+    given: &[Val],
+    from: Memory,
+    to: Memory,
+) -> Result<()> {
+    let [Val::I32(at), Val::I32(n), Val::I32(place)] = *given else { return Err(no_memory()) };
+    let [at, n, place] = [at, n, place].map(i32::cast_unsigned);
+    let copied = text(bytes(from.data(&caller), at, n as usize)?)?.to_owned();
+    write(&mut caller, Some(to), place, copied.as_bytes())
 }
 
 /// Writes bytes to a memory.

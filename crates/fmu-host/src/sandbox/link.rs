@@ -4,17 +4,20 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use wasmtime::{Error, Extern, ExternType, Func, Instance, Memory, Module, Result, Store};
+use wasmtime::{
+    Error, Extern, ExternType, Func, Global, Instance, Memory, Module, Result, Store, Val,
+};
 use wasmtime_environ::component::{
     CanonicalOptionsDataModel, Component, ComponentTypes, ComponentTypesBuilder, CoreDef,
-    CoreExport, Export, ExportItem, GlobalInitializer, InstantiateModule, InterfaceType,
-    OptionsIndex, ResourceIndex, StaticModuleIndex, StringEncoding, Trampoline, TrampolineIndex,
-    Translator, TypeDef, TypeFuncIndex, TypeResult, TypeTupleIndex,
+    CoreExport, Export, ExportItem, FLAG_MAY_ENTER, FLAG_MAY_LEAVE, FixedEncoding,
+    GlobalInitializer, InstantiateModule, InterfaceType, OptionsIndex, ResourceIndex,
+    StaticModuleIndex, StringEncoding, Trampoline, TrampolineIndex, Transcode, Translator, TypeDef,
+    TypeFuncIndex, TypeResult, TypeTupleIndex,
 };
 use wasmtime_environ::wasmparser::Validator;
 use wasmtime_environ::{EntityIndex, PrimaryMap, ScopeVec, Tunables};
 
-use super::{Data, PACKAGE, host};
+use super::{Data, PACKAGE, abi, host};
 
 /// A component in parts.
 pub(super) struct Parts {
@@ -260,6 +263,12 @@ impl<'a> Linked<'a> {
     fn import(&self, store: &mut Store<Data>, from: &CoreDef, of: ExternType) -> Result<Extern> {
         let function = match (from, of) {
             (CoreDef::Export(export), _) => return self.export(store, export),
+            // The flags of a component say whether it may be called and may call others. Components that call each other in
+            // circles do not exist, so each module that passes their calls has a copy of its own.
+            (CoreDef::InstanceFlags(_), ExternType::Global(of)) => {
+                let flags = Val::I32(FLAG_MAY_ENTER | FLAG_MAY_LEAVE);
+                return Ok(Global::new(store, of, flags)?.into());
+            }
             (CoreDef::Trampoline(index), ExternType::Func(of)) => {
                 match &self.parts.trampolines[*index] {
                     Trampoline::LowerImport { index, options, .. } => {
@@ -270,10 +279,25 @@ impl<'a> Linked<'a> {
                     // A handle is what it stands for.
                     Trampoline::ResourceNew(_)
                     | Trampoline::ResourceRep(_)
-                    | Trampoline::ResourceDrop(_) => Func::new(store, of, |_, given, results| {
+                    | Trampoline::ResourceDrop(_)
+                    | Trampoline::ResourceTransferOwn
+                    | Trampoline::ResourceTransferBorrow
+                    | Trampoline::ResourceEnterCall
+                    | Trampoline::ResourceExitCall => Func::new(store, of, |_, given, results| {
                         results.clone_from_slice(&given[..results.len()]);
                         Ok(())
                     }),
+                    Trampoline::Transcoder {
+                        op: Transcode::Copy(FixedEncoding::Utf8),
+                        from,
+                        to,
+                        ..
+                    } => {
+                        let [from, to] = [from, to].map(|of| self.memories[of.as_u32() as usize]);
+                        Func::new(store, of, move |caller, given, _| {
+                            abi::copy_text(caller, given, from, to)
+                        })
+                    }
                     _ => return Err(unsupported()),
                 }
             }
@@ -284,7 +308,5 @@ impl<'a> Linked<'a> {
 }
 
 fn unsupported() -> Error {
-    Error::msg(
-        "it has components that call each other, texts that are not UTF-8, or asynchronous functions",
-    )
+    Error::msg("it has texts that are not UTF-8, or asynchronous functions")
 }
