@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree, html
-from scipy import linalg
 
 import reference
 from pendulum_fmus import table1
@@ -24,7 +23,6 @@ from pendulum_fmus.project import ROOT
 from pendulum_fmus.report import __main__ as report
 from pendulum_fmus.report import runs, traps
 from pendulum_fmus.report.claims import Claim, Row, Statement, Verdict, judge, number
-from pendulum_fmus.report.design import lqr
 from pendulum_fmus.report.figure import thinned
 from pendulum_fmus.report.measures import MEASURES, bursts, lag, overshoot, settling, time_to, tone
 from pendulum_fmus.report.page import DOCUMENTS
@@ -278,17 +276,6 @@ def test_matrix_matches_the_independent_controller(delay):
         u = controller.u
         plant.step(before if law.samples else u, reference.TS)
         state = A @ state
-
-
-def test_the_lqr_is_that_of_scipy():
-    """From the equations (9), discretized and solved with SciPy."""
-    A, B = reference.hold(TS)
-    B = B[:, None]
-    R, Q = np.array([[20.0**-2]]), np.diag([0.5**-2, 0, math.radians(10) ** -2, 0])
-    P = linalg.solve_discrete_are(A, B, Q, R)
-    expected = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-    assert lqr() == pytest.approx(expected, rel=1e-6)
-    assert np.max(np.abs(np.linalg.eigvals(A - B @ lqr()))) < 1
 
 
 # --- errors -------------------------------------------------------------------------------------

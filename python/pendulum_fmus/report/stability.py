@@ -76,10 +76,12 @@ def held_cart(plant: dict[str, float] = NOMINAL) -> tuple[np.ndarray, np.ndarray
     """
     M, m, l, g, I, b = (plant[name] for name in NOMINAL)  # noqa: E741
     mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
+    from scipy import linalg  # here, since the demo draws figures without SciPy
+
     rates = np.zeros((5, 5))  # the last row and column are the constant force
     rates[[1, 3]] = np.linalg.solve(mass, [[0, -b, 0, 0, 1], [0, 0, m * g * l, 0, 0]])
     rates[0, 1] = rates[2, 3] = 1
-    held = exponential(rates)
+    held = linalg.expm(TS * rates)
     return held[:4, :4], held[:4, 4:]
 
 
@@ -87,11 +89,6 @@ def held_plant(plant: dict[str, float] = NOMINAL) -> tuple[np.ndarray, np.ndarra
     """Return the same without x, on which nothing else depends: A (3, 3), B (3,)."""
     A, B = held_cart(plant)
     return A[1:, 1:], B[1:, 0]
-
-
-def exponential(rates: np.ndarray) -> np.ndarray:
-    """Return the matrix exponential of slow rates [1/s] over one sample, by its series."""
-    return sum(np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10))
 
 
 def matrix(law: Law, gain: float = 1.0, plant: dict[str, float] = NOMINAL) -> np.ndarray:

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
 
 from ..loop import FREQUENCY, STEPS, TS, Columns, Loop
 from .claims import number
 from .findings import PRINTED, coefficients
 from .measures import LIMIT
 from .runs import GAINS, SHOWN, SIGNALS, loop_of, simulate_all
-from .stability import ALPHA, CENTRES, ETA, NOMINAL, WIDTH, exponential
+from .stability import ALPHA, CENTRES, ETA, NOMINAL, WIDTH
 
 AMPLITUDES = (0.0, 1.0)
 """Disturbances of Table 1 [rad]."""
@@ -188,7 +189,7 @@ def read_literally(reading: str) -> Errors:
         b, c = cubic - other, 0.0
     # G(s) = a s / (s³ + b s² - c s - d) under a zero-order hold; the last column is the force
     rates = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [last, c, -b, 1], [0, 0, 0, 0]])
-    plant = exponential(rates)[:3]
+    plant = expm(TS * rates)[:3]
     x, y, z, e, x2, x3, total = np.zeros((7, len(cases), 3))
     w = before = np.zeros((len(CENTRES), len(cases), 3))
     leaks, learns = np.array([False, False, True]), np.array([0.0, 1.0, 1.0])
