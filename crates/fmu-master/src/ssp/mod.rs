@@ -1,6 +1,5 @@
 //! Systems as System Structure and Parameterization (SSP) 1.0 packages, written and read.
 
-mod layout;
 mod parameters;
 mod read;
 mod structure;

@@ -6,9 +6,7 @@ use anyhow::Result;
 use fmu_description::xml::Element;
 use fmu_description::{Causality, Type, Value, Variable};
 
-use super::layout::{self, Area};
 use super::vocabulary;
-use crate::plan::Port;
 use crate::{Experiment, Fmu, Plan, Planned};
 
 /// The name of every set of start values: tools select sets of all components by one name.
@@ -29,17 +27,6 @@ pub fn document(
 ) -> Result<String> {
     let Experiment { start, stop, step } = plan.experiment;
     let sides = Vec::from_iter(plan.components.iter().map(sides));
-    let pin = |port: Port, side: usize| {
-        let variable = port.of(&plan.components);
-        let mut connectors = sides[port.component][side].iter();
-        let index = connectors.position(|other| other.name == variable.name);
-        (port.component, index.unwrap_or_default())
-    };
-    let links = plan.links.iter();
-    let links = Vec::from_iter(links.map(|link| [pin(link.from, 1), pin(link.to, 0)]));
-    let sizes = sides.iter().map(|sides| [sides[0].len(), sides[1].len()]);
-    let layout = layout::lay_out(&Vec::from_iter(sizes), &links);
-
     let mut terms = Terms::default();
     let components = plan.components.iter().enumerate().map(|(index, planned)| {
         let (name, place) = (&identifiers[index], &places[index]);
@@ -49,15 +36,11 @@ pub fn document(
             .with("source", place)
             .with("implementation", "CoSimulation")
             .listing(vocabulary::CONNECTORS, connectors(&sides[index], &planned.fmu, &mut terms))
-            .holding(area("ssd:ElementGeometry", layout.areas[index]))
+            .holding(area(index, &sides[index]))
             .listing(vocabulary::BINDINGS, bindings(planned, &mut terms))
     });
     let components = components.collect();
-    let connections = plan.links.iter().zip(&layout.lines).map(|(link, line)| {
-        let list = |of: fn(&(f64, f64)) -> f64| {
-            let texts = line.iter().map(|point| of(point).to_string());
-            Vec::from_iter(texts).join(" ")
-        };
+    let connections = plan.links.iter().map(|link| {
         let [from, to] = [link.from, link.to].map(|port| port.of(&plan.components));
         Element::new(vocabulary::CONNECTION)
             .with("startElement", &identifiers[link.from.component])
@@ -70,11 +53,6 @@ pub fn document(
                     .with("factor", real(scale.factor))
                     .with("offset", real(scale.offset))
             }))
-            .holding(
-                Element::new(vocabulary::CONNECTION_GEOMETRY)
-                    .with("pointsX", list(|(x, _)| *x))
-                    .with("pointsY", list(|(_, y)| *y)),
-            )
     });
     let name = super::identifier(name);
     let system = Element::new(vocabulary::SYSTEM)
@@ -129,7 +107,7 @@ fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Terms) -> Vec<Element<'s
     let mut connectors = Vec::new();
     for (side, kind) in ["input", "output", "parameter"].into_iter().enumerate() {
         for (index, variable) in sides[side].iter().enumerate() {
-            let height = layout::height(index, sides[side].len());
+            let height = 1.0 - (index as f64 + 0.5) / sides[side].len() as f64;
             let (x, y) = [(0.0, height), (1.0, height), (1.0 - height, 0.0)][side];
             let geometry = Element::new("ssd:ConnectorGeometry");
             let connector = Element::new(vocabulary::CONNECTOR)
@@ -173,9 +151,12 @@ fn real(value: f64) -> String {
     }
 }
 
-fn area(name: &'static str, area: Area) -> Element<'static> {
-    let ends = ["x1", "y1", "x2", "y2"].into_iter().zip(area);
-    ends.fold(Element::new(name), |area, (end, value)| area.with(end, value))
+/// The area of a component in the diagram, in which all stand side by side, and tools draw the connections.
+fn area(index: usize, [inputs, outputs, _]: &Sides<'_>) -> Element<'static> {
+    let (left, height) = (80 * index, 5 * (inputs.len().max(outputs.len()).max(2) + 1));
+    let ends = [("x1", left), ("y1", 0), ("x2", left + 40), ("y2", height)];
+    let area = Element::new("ssd:ElementGeometry");
+    ends.into_iter().fold(area, |area, (end, value)| area.with(end, value))
 }
 
 /// The master that OMSimulator steps a system with; it opens no system without one. Its library reads the

@@ -38,7 +38,6 @@ elements! {
     CONNECTOR = "ssd:Connector";
     CONNECTIONS = "ssd:Connections";
     CONNECTION = "ssd:Connection";
-    CONNECTION_GEOMETRY = "ssd:ConnectionGeometry";
     ANNOTATIONS = "ssd:Annotations";
     BINDINGS = "ssd:ParameterBindings";
     BINDING = "ssd:ParameterBinding";
