@@ -15,7 +15,7 @@ use crate::library::Binary;
 use crate::library::{Kind, Library};
 use crate::logger::{Logged, OnIntermediate, Registered, intermediate_update, log_3, logger, text};
 use crate::outcome::{Cause, Failure, Result, Success};
-use crate::quick::Unusual;
+use crate::quick::{Quick, Unusual};
 
 /// Calls the function that performs an operation: of the instance's version, or of the only version that has
 /// it.
@@ -181,6 +181,7 @@ pub struct Instance {
     experiment: Experiment,
     /// Whether a state was saved, so that a step must not say that none will be restored.
     pub(crate) is_saved: bool,
+    pub(crate) quick: Quick,
     /// The strings of the instantiation, to which some FMUs keep pointers although they must not.
     strings: Vec<Vec<u8>>,
     _registered: Registered,
@@ -384,6 +385,7 @@ impl Instance {
             callbacks: (library.version() == Version::Fmi2).then(callbacks),
             experiment: Experiment::default(),
             is_saved: false,
+            quick: Quick::NOTHING,
             strings: Default::default(),
             _registered: registered,
         }

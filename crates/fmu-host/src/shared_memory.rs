@@ -21,6 +21,9 @@ pub struct SharedMemory {
     _owner: Arc<dyn Debug + Send + Sync>,
 }
 
+/// The number of words that are accessed without looking whether they exist.
+const FIRST: usize = 2;
+
 // SAFETY: the words are atomic, and their owner may be dropped by any thread.
 unsafe impl Send for SharedMemory {}
 // SAFETY: as above.
@@ -40,7 +43,7 @@ impl SharedMemory {
 
     /// Ordinary memory of this process.
     pub fn private(words: usize) -> Self {
-        let own: Vec<_> = (0..words.max(1)).map(|_| AtomicU64::new(0)).collect();
+        let own: Vec<_> = (0..words.max(FIRST)).map(|_| AtomicU64::new(0)).collect();
         Self { words: NonNull::from(own.as_slice()), _owner: Arc::new(own) }
     }
 
@@ -58,8 +61,8 @@ impl SharedMemory {
         let length = words * size_of::<AtomicU64>();
         let map = MmapOptions::new().len(length).map_raw(file)?;
         let first = NonNull::new(map.as_mut_ptr().cast::<AtomicU64>());
-        let first = first.filter(|_| words > 0);
-        let first = first.ok_or_else(|| io::Error::other("it has no words"))?;
+        let first = first.filter(|_| words >= FIRST);
+        let first = first.ok_or_else(|| io::Error::other("it has too few words"))?;
         Ok(Self { words: NonNull::slice_from_raw_parts(first, words), _owner: Arc::new(map) })
     }
 
@@ -72,10 +75,10 @@ impl SharedMemory {
         unsafe { self.words.as_ref() }
     }
 
-    /// The first word, which there always is.
+    /// The first words, which there always are.
     #[inline]
-    pub fn first(&self) -> &AtomicU64 {
-        // SAFETY: as above; all constructors make at least one word.
+    pub fn first(&self) -> &[AtomicU64; FIRST] {
+        // SAFETY: as above; all constructors make at least so many words.
         unsafe { self.words.cast().as_ref() }
     }
 }

@@ -30,13 +30,13 @@ pub(crate) struct Component<'a> {
     pub(crate) exchange: Option<Box<Exchange<'a>>>,
     functions: &'static Functions,
     do_step: Option<Function>,
-    /// The Float64 inputs with their function, and whether their values are collected in `reals`.
-    set: Option<(Listed, Option<Function>)>,
-    collects: bool,
-    /// The Float64 outputs with their function, if their values need not be distributed, and all outputs if they
-    /// must, else the others.
-    get: Option<(Listed, Option<Function>)>,
+    /// What sets its Float64 inputs, and what gets its Float64 outputs unless their values must be distributed.
+    set: Option<Function>,
+    get: Option<Function>,
+    /// The outputs whose values must be distributed.
     distributed: &'a [Ports],
+    /// The Float64 inputs whose values are collected in `reals`, with the outputs that feed them.
+    copied: &'a [(usize, usize)],
     ports: &'a [Ports],
     /// The values of its inputs of the type Float64, and of each other type; those of elements that are not
     /// connected stay.
@@ -57,19 +57,18 @@ impl<'a> Component<'a> {
         let Planned { name, fmu, .. } = planned;
         let mut inputs = ports.iter().map(|ports| initial(&ports.inputs, fmu, starts));
         let reals = inputs.next().unwrap_or_default();
-        let floats = ports.first();
-        let set = floats.and_then(|Ports { inputs, run, set, .. }| {
-            let collected = || (!inputs.references.is_empty()).then(|| inputs.listed(0));
-            Some((run.clone().or_else(collected)?, *set))
-        });
-        let get = floats.and_then(|ports| Some((ports.whole.clone()?, ports.get)));
+        let Ports { inputs: floats, run, copied, set, whole, get, .. } = &ports[0];
+        let mut instance = fmu.instantiate(index, name, messages)?;
+        let set_at_steps = run.clone().unwrap_or_else(|| floats.listed(0));
+        let get_at_steps = whole.clone().unwrap_or_else(|| Listed::new(&[], 0..0));
+        instance.access_at_steps(set_at_steps, get_at_steps);
         Ok(Self {
-            set,
-            collects: floats.is_some_and(|ports| ports.run.is_none()),
-            distributed: &ports[usize::from(get.is_some())..],
-            get,
+            set: set.filter(|_| !floats.references.is_empty()),
+            get: get.filter(|_| whole.is_some()),
+            distributed: &ports[usize::from(whole.is_some())..],
+            copied: if run.is_some() { &[] } else { copied },
             name: name.clone(),
-            instance: fmu.instantiate(index, name, messages)?,
+            instance,
             messages: messages.clone(),
             calls: messages.record().calls(index),
             exchange: None,
@@ -260,23 +259,19 @@ impl<'a> Component<'a> {
         })
     }
 
-    /// Reads its outputs, each once.
+    /// Reads its outputs, each once; if the system is `PLAIN`, all are Float64 and need not be distributed.
     #[inline(always)]
-    pub(crate) fn read(&mut self, outputs: &mut Store) -> Called {
-        if let Some((listed, function)) = &self.get {
-            self.calls.go_on(*function);
-            let unusual = self.instance.get_float64_quickly(listed, &mut outputs.reals);
-            if let Some(outcome) = unusual {
-                self.explain_reading(*outcome, &self.ports[0].outputs)?;
-            }
+    pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> Called {
+        self.calls.go_on(self.get);
+        if let Some(outcome) = self.instance.get_at_step(&mut outputs.reals) {
+            self.explain_reading(*outcome, &self.ports[0].outputs)?;
         }
-        let rest = self.distributed;
-        if rest.is_empty() { Ok(()) } else { self.read_others(rest, outputs) }
+        if PLAIN { Ok(()) } else { self.read_others(outputs) }
     }
 
     #[inline(never)]
-    fn read_others(&mut self, others: &[Ports], outputs: &mut Store) -> Called {
-        for ports in others {
+    fn read_others(&mut self, outputs: &mut Store) -> Called {
+        for ports in self.distributed {
             let values = self.get(ports, &ports.outputs)?;
             for (index, value) in values.into_iter().enumerate() {
                 outputs.set(ports.first.plus(index), value);
@@ -308,36 +303,43 @@ impl<'a> Component<'a> {
         self.explain(outcome, || what)
     }
 
-    /// Writes its inputs.
+    /// Writes its inputs; if the system is `PLAIN`, all are values of Float64 outputs.
     #[inline(always)]
-    pub(crate) fn write(&mut self, outputs: &Store) -> Called {
-        if let Some((listed, function)) = &self.set {
-            let mut values = &outputs.reals;
-            if self.collects {
-                let reals = &self.ports[0];
-                for (position, source) in reals.inputs.positions.iter().zip(&reals.sources) {
-                    let output = outputs.number(source.output);
-                    let scale = source.scale.map(|s| s.factor * output + s.offset);
-                    self.reals[*position] = scale.unwrap_or(output);
-                }
-                values = &self.reals;
+    pub(crate) fn write<const PLAIN: bool>(&mut self, outputs: &Store) -> Called {
+        let mut values = &outputs.reals;
+        if !PLAIN && self.ports[0].run.is_none() {
+            self.collect(outputs);
+            values = &self.reals;
+        } else if !self.copied.is_empty() {
+            for &(from, to) in self.copied {
+                self.reals[to] = outputs.reals[from];
             }
-            self.calls.go_on(*function);
-            if let Some(outcome) = self.instance.set_float64_quickly(listed, values) {
-                let values = values[listed.place()].iter().map(|value| Value::Float64(*value));
-                let values = Vec::from_iter(values);
-                self.explain_writing(*outcome, &self.ports[0].inputs, &values)?;
-            }
+            values = &self.reals;
         }
-        match self.ports {
-            [] | [_] => Ok(()),
-            [_, others @ ..] => self.write_others(others, outputs),
+        self.calls.go_on(self.set);
+        if let Some(outcome) = self.instance.set_at_step(values) {
+            let first = self.ports[0].run.as_ref().map_or(0, |run| run.place().start);
+            let values = values[first..].iter().map(|value| Value::Float64(*value));
+            let values = Vec::from_iter(values);
+            self.explain_writing(*outcome, &self.ports[0].inputs, &values)?;
+        }
+        if PLAIN { Ok(()) } else { self.write_others(outputs) }
+    }
+
+    /// Collects the values of its Float64 inputs.
+    #[inline(never)]
+    fn collect(&mut self, outputs: &Store) {
+        let Ports { inputs, sources, .. } = &self.ports[0];
+        for (position, source) in inputs.positions.iter().zip(sources) {
+            let output = outputs.number(source.output);
+            let scale = source.scale.map(|s| s.factor * output + s.offset);
+            self.reals[*position] = scale.unwrap_or(output);
         }
     }
 
     #[inline(never)]
-    fn write_others(&mut self, others: &[Ports], outputs: &Store) -> Called {
-        for (index, ports) in others.iter().enumerate() {
+    fn write_others(&mut self, outputs: &Store) -> Called {
+        for (index, ports) in self.ports[1..].iter().enumerate() {
             let inputs = &ports.inputs;
             if inputs.references.is_empty() {
                 continue;
@@ -452,6 +454,6 @@ pub(crate) fn propagate(
     }
     // The same inputs are written again and again.
     components[fed].calls.begin(None);
-    components[fed].write(outputs)?;
+    components[fed].write::<false>(outputs)?;
     Ok(changed)
 }

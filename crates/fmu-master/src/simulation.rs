@@ -10,7 +10,7 @@ use crate::fault::Line;
 use crate::input::Signals;
 use crate::plan::Planned;
 use crate::table::Column;
-use crate::wiring::{Store, Wiring, number, places};
+use crate::wiring::{Store, number, places};
 use crate::{Failure, Message, Messages, Order, Place, Plan, Start};
 
 /// An initialized run of a system.
@@ -171,12 +171,8 @@ impl Simulation<'_> {
     /// # Errors
     /// A [`Failure`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
-        let Wiring { before, after, .. } = &self.plan.wiring;
-        let is_plain = self.lines.iter().all(Vec::is_empty)
-            && !self.plan.components.iter().any(Planned::integrates)
-            && self.plan.input.is_none()
-            && before.others.is_empty()
-            && after.others.is_empty();
+        let integrates = self.plan.components.iter().any(Planned::integrates);
+        let is_plain = self.plan.wiring.is_plain && !integrates;
         let steps = match is_plain {
             true => self.steps::<true>(&mut observe),
             false => self.steps::<false>(&mut observe),
@@ -205,7 +201,7 @@ impl Simulation<'_> {
         }
         if let ([component], Some(reached)) = (&mut *self.components, end.ended)
             && reached > self.row.time
-            && component.read(&mut self.outputs).is_ok()
+            && component.read::<false>(&mut self.outputs).is_ok()
         {
             self.row.time = reached;
             self.row.store.record::<false>(&wiring.before, &self.outputs);
@@ -224,7 +220,7 @@ impl Simulation<'_> {
         let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         let mut components = self.components.iter_mut();
-        let read = components.try_for_each(|component| component.read(&mut self.outputs));
+        let read = components.try_for_each(|component| component.read::<PLAIN>(&mut self.outputs));
         read.map_err(failed_at(experiment.start))?;
         for k in 0..steps {
             let time = experiment.time(k);
@@ -263,25 +259,24 @@ impl Simulation<'_> {
                 lines.for_each(|line| line.carry(k, time, step, outputs));
             }
         };
-        let mut all = components.iter_mut().enumerate();
-        match self.plan.order {
-            Order::Sequential => all.try_for_each(|(index, component)| {
+        if self.plan.order == Order::Sequential {
+            for (index, component) in components.iter_mut().enumerate() {
                 carry(index, outputs);
-                component.write(outputs)?;
+                component.write::<PLAIN>(outputs)?;
                 component.step::<PLAIN>(time, step)?;
-                component.read(outputs)
-            }),
-            Order::Parallel => {
-                all.try_for_each(|(index, component)| {
-                    carry(index, outputs);
-                    component.write(outputs)
-                })?;
-                components.iter_mut().try_for_each(|component| {
-                    component.step::<PLAIN>(time, step)?;
-                    component.read(outputs)
-                })
+                component.read::<PLAIN>(outputs)?;
             }
+            return Ok(());
         }
+        for (index, component) in components.iter_mut().enumerate() {
+            carry(index, outputs);
+            component.write::<PLAIN>(outputs)?;
+        }
+        for component in components {
+            component.step::<PLAIN>(time, step)?;
+            component.read::<PLAIN>(outputs)?;
+        }
+        Ok(())
     }
 }
 

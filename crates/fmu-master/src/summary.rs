@@ -3,7 +3,7 @@
 use std::array::from_fn;
 use std::ops::Range;
 
-use fmu_description::{Type, Value};
+use fmu_description::Type;
 use serde::{Deserialize, Serialize};
 
 use crate::simulation::Row;
@@ -60,6 +60,8 @@ pub(crate) struct Gathering<'a> {
     /// The number of rows of a window, 0 if the run is too short, and the rows of all windows.
     window: u64,
     windows: Range<u64>,
+    /// The end of the window in progress.
+    end_of_window: u64,
     turns: Vec<Turns>,
 }
 
@@ -72,9 +74,9 @@ struct Extremes {
 }
 
 impl Extremes {
-    /// Adds a value; returns whether it is finite, and so were all before it.
+    /// Adds a value; returns the sum of the squares, which is finite if all values are.
     #[inline(always)]
-    fn add(&mut self, x: f64) -> bool {
+    fn add(&mut self, x: f64) -> f64 {
         // Branches, as most values are no extremes.
         if x < self.min {
             self.min = x;
@@ -83,14 +85,8 @@ impl Extremes {
             self.max = x;
         }
         self.squares += x * x;
-        self.squares < f64::INFINITY
+        self.squares
     }
-}
-
-#[inline(never)]
-fn add_others(extremes: &mut [Extremes], others: &[Value]) -> bool {
-    let pairs = extremes.iter_mut().zip(others);
-    pairs.fold(true, |is_finite, (extremes, value)| is_finite & extremes.add(number(value)))
 }
 
 /// How a column turns at the end of a run.
@@ -164,6 +160,7 @@ impl<'a> Gathering<'a> {
             steps,
             window,
             windows: steps - window * WINDOWS..steps,
+            end_of_window: steps - window * (WINDOWS - 1),
             turns: vec![Turns::default(); count],
         }
     }
@@ -172,18 +169,12 @@ impl<'a> Gathering<'a> {
     #[inline]
     pub(crate) fn add(&mut self, row: &Row) {
         let Store { reals, others } = &row.store;
-        let (extremes, of_others) = self.extremes.split_at_mut(reals.len());
-        let mut is_finite = true;
-        for (extremes, x) in extremes.iter_mut().zip(reals) {
-            is_finite &= extremes.add(*x);
+        // 0 times a number that is not finite is NaN.
+        let mut zero = 0.0;
+        for (extremes, x) in self.extremes.iter_mut().zip(reals) {
+            zero += 0.0 * extremes.add(*x);
         }
-        if !others.is_empty() {
-            is_finite &= add_others(of_others, others);
-        }
-        if !is_finite {
-            self.lose(row);
-        }
-        if self.rows >= self.next {
+        if self.rows >= self.next || zero.is_nan() || !others.is_empty() {
             self.look(row);
         }
         self.rows += 1;
@@ -192,6 +183,13 @@ impl<'a> Gathering<'a> {
     /// Does what is not to be done at every row.
     #[inline(never)]
     fn look(&mut self, row: &Row) {
+        let Store { reals, others } = &row.store;
+        for (extremes, value) in self.extremes[reals.len()..].iter_mut().zip(others) {
+            extremes.add(number(value));
+        }
+        if self.extremes.iter().any(|extremes| !extremes.squares.is_finite()) {
+            self.lose(row);
+        }
         if self.rows >= self.next_part {
             self.end_part(row);
         }
@@ -219,7 +217,10 @@ impl<'a> Gathering<'a> {
 
     /// Follows the oscillations at the end of the run.
     fn turn(&mut self, row: &Row) {
-        let is_last = (self.steps - self.rows - 1).is_multiple_of(self.window);
+        let is_last = self.rows + 1 == self.end_of_window;
+        if is_last {
+            self.end_of_window += self.window;
+        }
         for (turns, x) in self.turns.iter_mut().zip(row.numbers()) {
             let now = &mut turns.now;
             if x != turns.last {
@@ -227,8 +228,8 @@ impl<'a> Gathering<'a> {
                 now.turns += u64::from(rises != turns.rises);
                 (turns.rises, turns.last) = (rises, x);
             }
-            now.low = now.low.min(x);
-            now.high = now.high.max(x);
+            now.low = if x < now.low { x } else { now.low };
+            now.high = if x > now.high { x } else { now.high };
             if is_last {
                 turns.windows.push(std::mem::take(now));
             }

@@ -121,6 +121,8 @@ pub(crate) struct Wiring {
     pub(crate) lines: Vec<Vec<Line>>,
     /// The places of the values from the input file among the outputs, in its order.
     pub(crate) fed: Vec<Place>,
+    /// Whether all that is transferred at every step are values of Float64 as they are.
+    pub(crate) is_plain: bool,
 }
 
 /// Recorded variables: their indices among the outputs of all components and in a row. Values are stored
@@ -143,6 +145,8 @@ pub(crate) struct Ports {
     /// The inputs and the Float64 outputs that feed them, if these follow each other, none is scaled, and they
     /// are all elements: their values need not be collected.
     pub(crate) run: Option<Listed>,
+    /// The Float64 outputs that feed inputs without a scale, and the positions of these inputs.
+    pub(crate) copied: Vec<(usize, usize)>,
     /// The variables that are connected or recorded, once each, and the place of the first.
     pub(crate) outputs: Wired,
     pub(crate) first: Place,
@@ -171,10 +175,17 @@ impl Ports {
             inputs: Wired::default(),
             sources: Vec::new(),
             run: None,
+            copied: Vec::new(),
             outputs: Wired::default(),
             first: Place::Other(0),
             whole: None,
         }
+    }
+
+    /// Whether all values are only copied.
+    fn is_plain(&self) -> bool {
+        let are_distributed = self.whole.is_none() && !self.outputs.references.is_empty();
+        self.copied.len() == self.sources.len() && !are_distributed
     }
 
     /// Those among which a port is.
@@ -272,12 +283,23 @@ impl Wiring {
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
             let run = run(&reals.sources).filter(|_| reals.inputs.are_all);
             reals.run = run.map(|first| reals.inputs.listed(first));
+            let pairs = reals.sources.iter().zip(&reals.inputs.positions);
+            let copied = pairs.filter_map(|(source, position)| match source.output {
+                Place::Real(from) if source.scale.is_none() => Some((from, *position)),
+                _ => None,
+            });
+            reals.copied = copied.collect();
             reals.whole = match reals.first {
                 Place::Real(first) if reals.outputs.are_all => Some(reals.outputs.listed(first)),
                 _ => None,
             };
         }
-        Self { components: wired, counts, before, after, lines, fed }
+        let is_plain = input.is_none()
+            && lines.iter().all(Vec::is_empty)
+            && before.others.is_empty()
+            && after.others.is_empty()
+            && wired.iter().all(|all| all.len() == 1 && all[0].is_plain());
+        Self { components: wired, counts, before, after, lines, fed, is_plain }
     }
 }
 

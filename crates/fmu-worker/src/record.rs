@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::io;
-use std::num::NonZeroU16;
+use std::num::NonZeroU64;
 use std::path::Path;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -36,8 +36,8 @@ pub struct Moment {
     pub is_message_of_call: bool,
 }
 
-/// The word with the number of the call, the index of the component and the function. It is the first, which is
-/// written without looking whether it exists.
+/// The word with the number of the call, the index of the component and the function. It and the next are the first
+/// ones, which are written without looking whether they exist.
 const CALL: usize = 0;
 /// The communication point (s), NaN before the initialization, and the communication step (s), as bits.
 const TIME: usize = 1;
@@ -99,7 +99,7 @@ impl Record {
     /// Records the communication point (s); NaN before the initialization.
     #[inline]
     pub fn at(&self, time: f64) {
-        self.word(TIME).store(time.to_bits(), Relaxed);
+        self.0.first()[TIME].store(time.to_bits(), Relaxed);
     }
 
     /// Records the communication step (s).
@@ -186,17 +186,17 @@ pub(crate) fn packed(chunk: &[u8]) -> u64 {
 
 /// The function of a word `CALL`.
 fn function(call: u64) -> Option<Function> {
-    NonZeroU16::new((call & ((1 << FUNCTION_BITS) - 1)) as u16).map(Function)
+    NonZeroU64::new(call & ((1 << FUNCTION_BITS) - 1)).map(Function)
 }
 
 /// A function of FMI 2.0 or 3.0 in a record, or the loading of a binary. It is a number that supervisor and
 /// worker agree on, since they are the same program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Function(NonZeroU16);
+pub struct Function(NonZeroU64);
 
 impl Function {
     /// The loading of a binary, which runs foreign code.
-    pub const LOADING: Self = Self(NonZeroU16::MIN);
+    pub const LOADING: Self = Self(NonZeroU64::MIN);
 
     /// The function of a version that performs an operation, such as `get_float64`.
     pub fn of(version: Version, operation: &str) -> Option<Self> {
@@ -221,7 +221,7 @@ impl Function {
     /// All functions with their names.
     pub fn all() -> impl Iterator<Item = (Self, &'static str)> {
         let functions = (1..).zip(functions());
-        functions.filter_map(|(number, (name, _))| Some((Self(NonZeroU16::new(number)?), name)))
+        functions.filter_map(|(number, (name, _))| Some((Self(NonZeroU64::new(number)?), name)))
     }
 
     /// Its name; `None` if no function has its number, because the record is damaged.
@@ -235,7 +235,7 @@ impl Function {
     }
 
     fn row(self) -> Option<(&'static str, &'static str)> {
-        functions().nth(usize::from(self.0.get()) - 1)
+        functions().nth(self.0.get() as usize - 1)
     }
 }
 
@@ -267,8 +267,8 @@ impl Calls {
     /// Records the call of a function that was not called since [`Calls::begin`], with the number of that call.
     #[inline]
     pub fn go_on(&self, function: Option<Function>) {
-        let word = self.word | function.map_or(0, |function| function.0.get().into());
-        self.record.0.first().store(word, Relaxed);
+        let word = self.word | function.map_or(0, |function| function.0.get());
+        self.record.0.first()[CALL].store(word, Relaxed);
     }
 }
 
@@ -302,6 +302,6 @@ mod tests {
         assert_eq!(step.and_then(Function::row), Some(("fmi3DoStep", "do_step")));
         worker.end_call();
         assert!(!supervisor.is_in_call());
-        assert_eq!(Function(NonZeroU16::MAX).name(), None, "a damaged record");
+        assert_eq!(Function(NonZeroU64::MAX).name(), None, "a damaged record");
     }
 }
