@@ -2,7 +2,6 @@
 
 import csv
 import fcntl
-import json
 import os
 import re
 import shutil
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_master._values import document
 from pendulum_fmus.project import PROGRAM, ROOT
 
 LOOPS = ROOT / "examples" / "closed-loop"
@@ -88,31 +88,19 @@ def write_system(
     components: Mapping[str, Mapping[str, Any]],
     connections: Sequence[str | Mapping[str, Any]] = (),
     fmu: str = "Relay",
-    own: str = "",
+    own: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Path:
     """Write a system of instances of an FMU with start values, 1 s long in steps of 0.25 s.
 
-    `own` are further lines of each component.
+    `own` are further keys of each component.
     """
-    settings = {"start": 0.0, "stop": 1.0, "step": 0.25} | settings
-    lines = [f"{key} = {_toml(value)}" for key, value in settings.items()]
-    lines.append(f"connections = {_toml(list(connections))}")
-    for name, start in components.items():
-        lines += ["[[component]]", f"name = {_toml(name)}", f'fmu = "{fmu}.fmu"', own]
-        lines += ["[component.start]", *(f"{_toml(key)} = {_toml(start[key])}" for key in start)]
+    settings = {"start": 0.0, "stop": 1.0, "step": 0.25, "connections": connections} | settings
+    common = {"fmu": f"{fmu}.fmu"} | (own or {})
+    tables = [{"name": name, "start": start} | common for name, start in components.items()]
     file = folder / "system.toml"
-    file.write_text("\n".join(lines), encoding="utf-8")
+    file.write_text(document(settings | {"component": tables}, "component"), encoding="utf-8")
     return file
-
-
-def _toml(value: Any) -> str:
-    """Format a value as TOML, which for most types is JSON."""
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {_toml(item)}' for key, item in value.items())} }}"
-    return json.dumps(value, ensure_ascii=False).replace("NaN", "nan")
 
 
 def replaced(text: str, replacements: Mapping[str, str]) -> str:
@@ -139,7 +127,7 @@ def with_units(u: str, y: str) -> dict[str, str]:
     return {text: f'{text} unit="{unit}"' for text, unit in units.items() if unit}
 
 
-def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
+def compiled(folder: Path, *definitions: str, source: str) -> bytes:
     """Return the binary of a source in tests/c."""
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     library = folder / "library.so"
@@ -150,14 +138,23 @@ def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
     return library.read_bytes()
 
 
-def pack(file: Path, xml: str, binary: bytes, platform: str = "linux64", **resources: str) -> Path:
+def pack(file: Path, xml: str, binary: bytes, **resources: str) -> Path:
     """Write an FMU whose binary has the name of the file."""
+    platform = "x86_64-linux" if 'fmiVersion="3.0"' in xml else "linux64"
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("modelDescription.xml", xml)
         archive.writestr(f"binaries/{platform}/{file.stem}.so", binary)
         for name, text in resources.items():
             archive.writestr(f"resources/{name}", text)
     return file
+
+
+def in_c(file: Path, *definitions: str, xml: str = "", **resources: str) -> Path:
+    """Write an FMU in C of tests/c, by default with the description there."""
+    source = SOURCES / file.stem.lower()
+    xml = xml or source.with_suffix(".xml").read_text(encoding="utf-8")
+    binary = compiled(file.parent, *definitions, source=f"{source.name}.c")
+    return pack(file, xml, binary, **resources)
 
 
 # --- packages outside the repository --------------------------------------------------------------

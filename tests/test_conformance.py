@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from native import SOURCES, compiled, pack
+from native import SOURCES, in_c
 from test_validate import cargo_fmu, check, findings, read, write
 
 pytestmark = pytest.mark.usefixtures("program")
@@ -49,8 +49,7 @@ def conformance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...
 
     def make(defect: str = "NO_DEFECT", kind: str = BOTH) -> Path:
         define = [f"DEFECT={defect}", *["WITHOUT_CANCEL_STEP"] * (defect == "MISSING_FUNCTION")]
-        binary = compiled(tmp_path, *define, source="conformance.c")
-        return pack(tmp_path / "Conformance.fmu", describe(kind), binary)
+        return in_c(tmp_path / "Conformance.fmu", *define, xml=describe(kind))
 
     return make
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from native import SOURCES, compiled, pack, read_csv, run
+from native import in_c, read_csv, run
 from pendulum_fmus.project import PROGRAM
 from sweeps import table, wait_until
 
@@ -25,9 +25,7 @@ FAULTS = " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END FOR
 @pytest.fixture(scope="session")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the FMU of tests/c/faulty.c and faulty.xml."""
-    folder = tmp_path_factory.mktemp("faulty")
-    description = (SOURCES / "faulty.xml").read_text(encoding="utf-8")
-    return pack(folder / "Faulty.fmu", description, compiled(folder, source="faulty.c"))
+    return in_c(tmp_path_factory.mktemp("faulty") / "Faulty.fmu")
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from native import (
     RELAY,
     SOURCES,
     compiled,
+    in_c,
     pack,
     read_csv,
     refusal,
@@ -176,12 +177,12 @@ def adaptive(folder: Path, xml: str = ADAPTIVE, *definitions: str) -> Path:
 @pytest.mark.parametrize(
     ("head", "own", "option", "tolerance", "stop"),
     [
-        ({}, "", (), 1e-3, 1),  # of the default experiment
-        ({"tolerance": 1e-5}, "", (), 1e-5, 1),
-        ({"tolerance": 1e-5}, "tolerance = 1e-7", (), 1e-7, 1),
-        ({"tolerance": 1e-5}, "tolerance = 1e-7", ("--tolerance=1e-6",), 1e-6, 1),
-        ({}, "", (), 0, 1),  # of none
-        ({}, "sampled = true", (), 1e-3, 1 + 1 / 1024),  # a step from the stop time
+        ({}, {}, (), 1e-3, 1),  # of the default experiment
+        ({"tolerance": 1e-5}, {}, (), 1e-5, 1),
+        ({"tolerance": 1e-5}, {"tolerance": 1e-7}, (), 1e-7, 1),
+        ({"tolerance": 1e-5}, {"tolerance": 1e-7}, ("--tolerance=1e-6",), 1e-6, 1),
+        ({}, {}, (), 0, 1),  # of none
+        ({}, {"sampled": True}, (), 1e-3, 1 + 1 / 1024),  # a step from the stop time
     ],
 )
 def test_the_calls_are_those_of_simulate_fmu(tmp_path, head, own, option, tolerance, stop):
@@ -339,9 +340,7 @@ def test_in_parallel_order_samples_arrive_one_step_late_except_the_first(kinds, 
 @pytest.fixture(scope="module")
 def hopper(tmp_path_factory) -> Path:
     """Return the FMU of tests/c/hopper.c."""
-    folder = tmp_path_factory.mktemp("hopper")
-    xml = (SOURCES / "hopper.xml").read_text(encoding="utf-8")
-    return pack(folder / "Hopper.fmu", xml, compiled(folder, source="hopper.c"), "x86_64-linux")
+    return in_c(tmp_path_factory.mktemp("hopper") / "Hopper.fmu")
 
 
 def check_kick(columns: dict[str, np.ndarray], kick: float, prefix: str = "") -> None:
@@ -369,9 +368,7 @@ def test_a_kick_changes_nominals_and_an_indicator_that_is_zero(kick, hopper, tmp
     ],
 )  # fmt: skip
 def test_what_happens_in_an_event_is_named(landing, code, message, tmp_path):
-    xml = (SOURCES / "hopper.xml").read_text(encoding="utf-8")
-    binary = compiled(tmp_path, f"ON_LANDING={landing}", source="hopper.c")
-    fmu = pack(tmp_path / "Hopper.fmu", xml, binary, "x86_64-linux")
+    fmu = in_c(tmp_path / "Hopper.fmu", f"ON_LANDING={landing}")
     (tmp_path / "input.csv").write_text("time,n\n0,0\n0.35,1\n")
     result = run("simulate", fmu, "--step=0.1", "--input", "input.csv", cwd=tmp_path)
     assert result.returncode == code
@@ -413,8 +410,7 @@ def test_an_input_of_another_component_causes_a_state_event(tmp_path):
     """A ball rises when its acceleration becomes positive, at a communication point."""
     xml = (SOURCES / "hopper.xml").read_text(encoding="utf-8")
     xml = re.sub('<Int32 name="n".*/>', "", xml)  # all inputs are continuous
-    binary = compiled(tmp_path, source="hopper.c")
-    pack(tmp_path / "Hopper.fmu", xml, binary, "x86_64-linux")
+    in_c(tmp_path / "Hopper.fmu", xml=xml)
     lift = {"from": "a.z", "to": "b.a[1]", "factor": -1.0, "offset": 0.0}
     system = write_system(
         tmp_path, {"a": {}, "b": {}}, [lift], "Hopper", step=0.1, order="parallel"
@@ -430,9 +426,7 @@ def test_an_input_of_another_component_causes_a_state_event(tmp_path):
 
 def test_discrete_inputs_of_fmi_2_follow_a_table(tmp_path):
     """The FMU takes them in event mode only: m is n + 3, and c is b."""
-    xml = (SOURCES / "conformance.xml").read_text(encoding="utf-8")
-    fmu = tmp_path / "Conformance.fmu"
-    pack(fmu, xml, compiled(tmp_path, source="conformance.c"))
+    fmu = in_c(tmp_path / "Conformance.fmu")
     table = np.array([(0, 1, 0), (0.25, -4, 1), (0.6, 7, 0), (0.85, 7, 1)])
     ours = driven(fmu, tmp_path, "n,b", table=table)
     rows = np.searchsorted(table[:, 0], ours["time"] + 1e-9) - 1
@@ -553,7 +547,7 @@ def sums(binaries: dict[str, bytes], tmp_path: Path) -> Callable[..., Path]:
 
     def write(components: dict, connections=(), changes=None, **settings) -> Path:
         xml = replaced(SUMS, changes or {})
-        pack(tmp_path / "Sums.fmu", xml, binaries["sums"], "x86_64-linux")
+        pack(tmp_path / "Sums.fmu", xml, binaries["sums"])
         return write_system(tmp_path, components, connections, "Sums", **settings)
 
     return write
@@ -763,7 +757,7 @@ def test_initial_values_pass_through_a_chain_of_direct_outputs(relay, tmp_path, 
 
 @pytest.mark.parametrize(
     ("own", "changes"),
-    [("sampled = true", {}), ("", {'"output"><Real': '"output" variability="discrete"><Real'})],
+    [({"sampled": True}, {}), ({}, {'"output"><Real': '"output" variability="discrete"><Real'})],
     ids=["declared", "only discrete outputs"],
 )
 def test_a_row_of_a_sampled_fmu_has_the_sample_at_its_time(relay, tmp_path, own, changes):

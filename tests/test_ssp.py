@@ -14,8 +14,7 @@ from native import (
     LOOPS,
     RELAY,
     ROOT,
-    compiled,
-    pack,
+    in_c,
     refusal,
     replaced,
     run,
@@ -52,8 +51,7 @@ def packages(fmus: Path, variant: Path, tmp_path_factory: pytest.TempPathFactory
 def relay(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write a package of FMUs with variables of every type and unusual units."""
     folder = tmp_path_factory.mktemp("relay")
-    xml = replaced(RELAY, with_units("deg", "gon"))
-    pack(folder / "Relay.fmu", xml, compiled(folder), **{TEXT: "1"})
+    in_c(folder / "Relay.fmu", xml=replaced(RELAY, with_units("deg", "gon")), **{TEXT: "1"})
     start = {
         "gain": -1e-7, "u": 0.1, "add": -3, "invert": True, "shape": "square", "file": TEXT,
     }  # fmt: skip
@@ -322,7 +320,7 @@ DEGREE = 0.017453292519943295
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the FMU of the nested system, from deg to rad."""
     folder = tmp_path_factory.mktemp("nested")
-    pack(folder / "Relay.fmu", replaced(RELAY, with_units("deg", "rad")), compiled(folder))
+    in_c(folder / "Relay.fmu", xml=replaced(RELAY, with_units("deg", "rad")))
     return folder
 
 

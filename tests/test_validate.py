@@ -15,7 +15,7 @@ import fmpy
 import pytest
 from lxml import etree
 
-from native import SOURCES, compiled, pack, run
+from native import in_c, run
 from pendulum_fmus.project import ROOT
 
 MEMORY = 1 << 30
@@ -598,11 +598,8 @@ DEFECTS = {
 
 
 def test_defects_of_what_fmi_3_adds_are_found(tmp_path: Path) -> None:
-    xml = (SOURCES / "vector.xml").read_text(encoding="utf-8")
-
     def found(defects: str, *options: str) -> set[str]:
-        binary = compiled(tmp_path, *defects.split(), source="vector.c")
-        return set(findings(pack(tmp_path / "Vector.fmu", xml, binary, "x86_64-linux"), *options))
+        return set(findings(in_c(tmp_path / "Vector.fmu", *defects.split()), *options))
 
     sound = found("NONE")
     for defect, expected in DEFECTS.items():
