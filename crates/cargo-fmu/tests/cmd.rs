@@ -17,7 +17,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
+use fmu_file::archive::{self, MODEL_DESCRIPTION, Packed};
 use regex::Regex;
 use snapbox::{Assert, Data};
 
@@ -205,7 +205,7 @@ impl Relay {
         }
         let xml = changed(xml, rest);
         let xml = Packed::text(xml.as_bytes()).unwrap();
-        let binary = Packed::program(&binary, Compression::Deflate).unwrap();
+        let binary = Packed::program(&binary).unwrap();
         let entries = [(MODEL_DESCRIPTION, &xml), (path.as_str(), &binary)];
         let file = folder.join(file);
         fs::create_dir_all(file.parent().unwrap()).unwrap();

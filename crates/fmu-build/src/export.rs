@@ -10,9 +10,8 @@ use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use fmu_description::hash::checksum;
 use fmu_description::{Description, FmiVersion, read_interfaces};
-use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
+use fmu_file::archive::{self, MODEL_DESCRIPTION, Packed};
 #[cfg(not(feature = "wasm"))]
 use fmu_file::platform::TARGET_WASM;
 use fmu_file::platform::{Platform, Prebuilt};
@@ -57,9 +56,6 @@ pub struct Options {
     /// Add a shared library built elsewhere, for linux64, win64, ...
     #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     pub binaries: Vec<Prebuilt>,
-    /// Compress with zopfli: 3.5 % smaller, but slow
-    #[arg(long)]
-    pub small: bool,
     /// Which packages to build, and how.
     #[command(flatten)]
     pub selection: Selection,
@@ -215,11 +211,6 @@ impl<'a> Builder<'a> {
                 binary.check_model(model)?;
             }
         }
-        let cache = self.metadata.target_directory.join("fmu-packed");
-        fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
-        let compression =
-            if self.options.small { Compression::Zopfli } else { Compression::Deflate };
-        let pack = |binary: &Binary<'_>| binary.pack(compression, cache.as_std_path());
         // This machine's binary is built to read the models, even if it is not packed.
         let is_replaced = |binary: &Binary<'_>| {
             let mut replaced = self.prebuilt.iter().flat_map(|other| &other.platforms);
@@ -228,7 +219,8 @@ impl<'a> Builder<'a> {
         let packed = thread::scope(|scope| {
             let built = built.iter().filter(|binary| !is_replaced(binary));
             let packing = built.chain(&self.prebuilt);
-            let packing = packing.map(|binary| (binary, scope.spawn(move || pack(binary))));
+            let packing =
+                packing.map(|binary| (binary, scope.spawn(|| Packed::program(&binary.bytes))));
             let packed = Vec::from_iter(packing).into_iter().map(|(binary, thread)| {
                 let packed = thread.join().unwrap_or_else(|p| panic::resume_unwind(p));
                 Ok((binary, packed?))
@@ -462,20 +454,6 @@ impl<'a> Binary<'a> {
             Source::Library(_) => bail!(reason),
             Source::File(file) => bail!("{} cannot be used: {reason}", file.display()),
         }
-    }
-
-    /// Compresses the binary, or takes it from the folder `cache`, which stores compressed binaries
-    /// by the checksum of their content.
-    fn pack(&self, compression: Compression, cache: &Path) -> Result<Packed> {
-        let cached = cache.join(format!("{:032x}-{compression:?}", checksum(&self.bytes)));
-        let known = fs::read(&cached).ok();
-        if let Some(file) = known.and_then(|packed| Packed::from_bytes(packed, &self.bytes)) {
-            return Ok(file);
-        }
-        let file = Packed::program(&self.bytes, compression)?;
-        // Without the cache, the next export only takes longer.
-        let _ = replace::write(&cached, file.as_bytes());
-        Ok(file)
     }
 }
 

@@ -37,16 +37,6 @@ const RATIO_FROM: u64 = 16 << 20;
 
 // --- writing --------------------------------------------------------------------------------------
 
-/// Compression method.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Compression {
-    /// Deflate at its highest level.
-    #[default]
-    Deflate,
-    /// Zopfli, a slow search for the smallest deflate stream: binaries are 3.5 % smaller.
-    Zopfli,
-}
-
 /// A file that is compressed once for all archives that contain it.
 ///
 /// It is stored as an archive of this file alone, from which the crate `zip` copies it without
@@ -59,7 +49,7 @@ impl Packed {
     /// # Errors
     /// The file cannot be compressed.
     pub fn text(content: &[u8]) -> Result<Self> {
-        Self::new(content, 0o644, Some(Compression::Deflate))
+        Self::new(content, 0o644, true)
     }
 
     /// Stores a file that is already compressed, such as an FMU in a package of several.
@@ -67,24 +57,22 @@ impl Packed {
     /// # Errors
     /// The file is too large for an archive.
     pub fn stored(content: &[u8]) -> Result<Self> {
-        Self::new(content, 0o644, None)
+        Self::new(content, 0o644, false)
     }
 
     /// Compresses an executable or a shared library.
     ///
     /// # Errors
     /// The file cannot be compressed.
-    pub fn program(content: &[u8], compression: Compression) -> Result<Self> {
-        Self::new(content, 0o755, Some(compression))
+    pub fn program(content: &[u8]) -> Result<Self> {
+        Self::new(content, 0o755, true)
     }
 
     /// The time stamp is constant, so that the same content gives the same bytes.
-    fn new(content: &[u8], mode: u32, compression: Option<Compression>) -> Result<Self> {
-        // Levels from 10 on mean zopfli with that many iterations more. More than three take time without gain.
-        let (method, level) = match compression {
-            None => (CompressionMethod::Stored, None),
-            Some(Compression::Deflate) => (CompressionMethod::Deflated, Some(9)),
-            Some(Compression::Zopfli) => (CompressionMethod::Deflated, Some(9 + 3)),
+    fn new(content: &[u8], mode: u32, is_compressed: bool) -> Result<Self> {
+        let (method, level) = match is_compressed {
+            true => (CompressionMethod::Deflated, Some(9)),
+            false => (CompressionMethod::Stored, None),
         };
         let options = SimpleFileOptions::default()
             .compression_method(method)
@@ -95,24 +83,6 @@ impl Packed {
         writer.start_file("file", options)?;
         writer.write_all(content)?;
         Ok(Self(writer.finish()?.into_inner()))
-    }
-
-    /// The bytes for [`Packed::from_bytes`].
-    pub fn as_bytes(&self) -> &[u8] {
-        &self.0
-    }
-
-    /// Restores a packed file, if it has the given content.
-    pub fn from_bytes(packed: Vec<u8>, content: &[u8]) -> Option<Self> {
-        let mut unpacked = Vec::new();
-        ZipArchive::new(Cursor::new(&packed))
-            .ok()?
-            .by_name("file")
-            .ok()?
-            .take(content.len() as u64 + 1)
-            .read_to_end(&mut unpacked)
-            .ok()?;
-        (unpacked == content).then_some(Self(packed))
     }
 }
 
@@ -445,7 +415,7 @@ mod tests {
     /// The bytes of an archive of a model description and a library.
     fn sound() -> Vec<u8> {
         let text = Packed::text(b"<a/>").unwrap();
-        let program = Packed::program(b"\x7fELF", Compression::Deflate).unwrap();
+        let program = Packed::program(b"\x7fELF").unwrap();
         zip(&[(MODEL_DESCRIPTION, &text), ("binaries/linux64/A.so", &program)]).unwrap()
     }
 
