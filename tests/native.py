@@ -205,3 +205,11 @@ def prepare(package: Path) -> Path:
     shutil.copy(ROOT / "Cargo.lock", package)
     (package / "target").symlink_to(OUTSIDE)
     return package
+
+
+def with_binary(fmu: Path, content: bytes, to: Path) -> Path:
+    """Copy an FMU with another component."""
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(to, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, content if name.startswith("binaries/") else old.read(name))
+    return to

@@ -16,7 +16,7 @@ import wasmtime.component
 from fmpy import read_model_description
 from lxml import etree
 
-from native import LOOPS, PROGRAM, call, new_package, prepare, run
+from native import LOOPS, PROGRAM, call, new_package, prepare, run, with_binary
 from pendulum_fmus.project import ROOT
 
 WASM = ROOT / "target" / "wasm"
@@ -245,14 +245,6 @@ def test_compiled_code_is_kept_and_damage_to_it_is_repaired(panicking, tmp_path)
         assert all(sizes.values())
         for file in sizes:
             file.write_bytes(b"")
-
-
-def with_binary(fmu: Path, content: bytes, to: Path) -> Path:
-    """Copy an FMU with another component."""
-    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(to, "w") as new:
-        for name in old.namelist():
-            new.writestr(name, content if name.startswith("binaries/") else old.read(name))
-    return to
 
 
 def hostile(start: str = "", instantiate: str = "", enter: str = "", options: str = "") -> bytes:

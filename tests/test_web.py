@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+import wasmtime
 from fmpy import read_model_description
 
 import node
+from native import with_binary
 from pendulum_fmus.loop import PREVIOUS_SAMPLE_TERMS, TS, Loop
 from pendulum_fmus.project import ROOT
 
@@ -178,6 +180,26 @@ def test_an_fmu_of_ones_own_runs_and_a_broken_one_is_reported(page, tmp_path):
     page.locator("#file").set_input_files(WASM / "Source_fmi3.fmu")
     page.wait_for_function("document.getElementById('message').textContent.includes('Source')")
     assert page.locator("#message").inner_text().endswith("it has no input r")
+
+
+def test_a_component_that_was_compiled_for_wasi_runs(page, tmp_path):
+    text = (ROOT / "tests" / "data" / "printing.wat").read_text(encoding="utf-8")
+    for v in read_model_description(WASM / "Pid_fmi3.fmu").modelVariables:
+        if v.name in ("r", "y", "u"):
+            text = text.replace(f"(i32.const {v.name.upper()})", f"(i32.const {v.valueReference})")
+    printed = []
+    page.on("console", lambda message: printed.append(message.text))
+    fmu = with_binary(WASM / "Pid_fmi3.fmu", wasmtime.wat2wasm(text), tmp_path / "printing.fmu")
+    page.locator("#file").set_input_files(fmu)
+    page.wait_for_function("loops.some((loop) => loop.name === 'Pid (yours)')")
+    page.evaluate("running = false; settings.r = 5; restart(); advance(100)")
+    of = "(name) => loops.at(-1).controller.get(name)"
+    r, y, u = (page.evaluate(of, name) for name in "ryu")
+    assert u == 30.0 * (r - y) != 0.0
+    assert set(printed) == {"two lines"}
+    page.evaluate("settings.r = 20; advance(1)")
+    needed = "the component needs wasi:cli/exit@0.2.0 exit, which this page does not have"
+    assert page.locator("#message").inner_text().endswith(needed)
 
 
 def test_a_push_is_told_and_the_fmus_can_be_saved(page):

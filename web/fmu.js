@@ -72,6 +72,37 @@ async function readFmu(bytes, read = describe) {
   return { ...fmu, module: await WebAssembly.compile(coreModule(await binary())) };
 }
 
+// What a component that was compiled for WASI finds there: no files and no arguments, clocks that stand still, random
+// numbers that are 0, and the console for lines that it prints. A result is 0, which is an empty text or list, none, or
+// success. One of more than a number is written to a place, which is the last argument.
+function wasi(memory) {
+  const bytes = (at, n) => new Uint8Array(memory().buffer, at, n);
+  const zeros = (n) => (...given) => void bytes(given.at(-1), n).fill(0);
+  const zero = () => 0, long = () => 0n;
+  const time = (at) => (at === undefined ? 0n : zeros(12)(at));
+  let printed = "";
+  const print = (stream, from, n, at) => {
+    const lines = (printed + new TextDecoder().decode(bytes(from, n))).split("\n");
+    printed = lines.pop();
+    lines.forEach((line) => console.log(line));
+    zeros(1)(at);
+  };
+  const room = (stream, at) => {
+    zeros(1)(at);
+    new DataView(memory().buffer).setBigUint64(at + 8, 4096n, true);
+  };
+  return {
+    "get-arguments": zeros(8), "get-environment": zeros(8), "get-directories": zeros(8), "initial-cwd": zeros(1),
+    "get-terminal-stdin": zeros(1), "get-terminal-stdout": zeros(1), "get-terminal-stderr": zeros(1),
+    "get-stdin": zero, "get-stdout": zero, "get-stderr": zero, now: time, resolution: time,
+    "insecure-seed": zeros(16), "get-random-u64": long, "get-insecure-random-u64": long,
+    "[method]output-stream.check-write": room, "[method]output-stream.write": print,
+    "[method]output-stream.blocking-write-and-flush": print, "[method]output-stream.flush": zeros(1),
+    "[method]output-stream.blocking-flush": zeros(1), "[method]output-stream.subscribe": zero,
+    "[method]pollable.block": zero,
+  };
+}
+
 // An instance for co-simulation, with the functions of FMI 3.0.
 class Instance {
   constructor(fmu, setUp = () => {}, start = 0) {
@@ -80,18 +111,22 @@ class Instance {
     const text = (at, n) => new TextDecoder().decode(new Uint8Array(this.core.memory.buffer, at, n));
     const provided = {
       "log-message": (a, an, status, c, cn, message, n) => this.messages.push([STATUS[status], text(message, n)]),
-      "[resource-new]co-simulation-instance": (pointer) => pointer,
-      "[resource-new]model-exchange-instance": (pointer) => pointer,
       "intermediate-update": () => { throw new Error("no early return was allowed"); },
     };
+    const granted = wasi(() => this.core.memory);
     const imports = {};
     for (const { module, name } of WebAssembly.Module.imports(fmu.module)) {
-      if (!provided[name]) throw new Error(`the component needs ${module} ${name}, which this page does not have`);
-      (imports[module] ??= {})[name] = provided[name];
+      const fail = () => { throw new Error(`the component needs ${module} ${name}, which this page does not have`); };
+      let found = provided[name];
+      if (name.startsWith("[resource-")) found = (handle) => handle; // which is what it stands for
+      if (module.startsWith("wasi")) found ??= granted[name] ?? fail; // when it is called
+      (imports[module] ??= {})[name] = found ?? fail();
     }
     this.core = new WebAssembly.Instance(fmu.module, imports).exports;
     this.memory = new DataView(this.core.memory.buffer);
+    this.core._initialize?.();
     [this.getFloat64, this.setFloat64, this.doStep] = ["get-float64", "set-float64", "do-step"].map((name) => this.named(name));
+    this.freeValues = this.core[`cabi_post_${CS}#[method]co-simulation-instance.get-float64`] ?? (() => {});
     const create = "instantiate-co-simulation";
     const instantiate = this.named(create, "static");
     const texts = ["it", fmu.token].concat(instantiate.length > 10 ? [""] : []); // the path of resources, in one draft
@@ -140,20 +175,21 @@ class Instance {
     return at;
   }
 
-  // The list of the elements of a variable: its place and its length.
-  read(name) {
+  // What a function reads of the elements of a variable, from their place and their number.
+  read(name, of) {
     const answer = this.getFloat64(this.pointer, this.references(name), 1), view = this.view;
     if (view.getUint8(answer)) throw new Error(this.failure("get-float64"));
-    return [view.getUint32(answer + 4, true), view.getUint32(answer + 8, true)];
+    const read = of(view, view.getUint32(answer + 4, true), view.getUint32(answer + 8, true));
+    this.freeValues(answer);
+    return read;
   }
 
   get(name) {
-    return this.view.getFloat64(this.read(name)[0], true);
+    return this.read(name, (view, at) => view.getFloat64(at, true));
   }
 
   getAll(name) {
-    const [at, n] = this.read(name);
-    return Array.from({ length: n }, (_, i) => this.view.getFloat64(at + 8 * i, true));
+    return this.read(name, (view, at, n) => Array.from({ length: n }, (_, i) => view.getFloat64(at + 8 * i, true)));
   }
 
   set(name, value) {
