@@ -111,11 +111,6 @@ pub fn export(options: &Options, progress: &dyn Fn(Progress<'_>)) -> Result<Vec<
     }
     versions.sort_unstable();
     versions.dedup();
-    for library in &libraries {
-        for version in &versions {
-            library.feature(*version)?;
-        }
-    }
     check_versions(options, &versions)?;
     let profile = profile_settings(&options.selection.profile, &metadata)?;
     let builders = versions.into_iter().map(|version| {
@@ -299,12 +294,10 @@ impl<'a> Builder<'a> {
         build
             .args(["--lib", "--crate-type", "cdylib"])
             .args(["--package", &library.package])
+            .args(["--features", &library.feature(self.version)])
             .args(self.options.selection.cargo_arguments())
             .args(profile.iter().flat_map(|setting| ["--config", setting]))
             .without_local_paths(self.metadata, recipe.sources().as_deref());
-        if let Some(feature) = library.feature(self.version)? {
-            build.args(["--features", &feature]);
-        }
         if let Some(variant) = variant {
             build.env("FMU_EXPORT_VARIANT", variant);
         }

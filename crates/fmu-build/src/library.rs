@@ -60,8 +60,7 @@ pub struct Library {
     pub origin: Origin,
     /// The file of `license-file`.
     pub license_file: Option<PathBuf>,
-    /// The crate `fmu-export` that it uses, and the name of this crate in its manifest.
-    fmu_export: Package,
+    /// The name of the crate `fmu-export` in its manifest.
     dependency: String,
 }
 
@@ -152,6 +151,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
         dependency()
     );
     let target = cdylib(package).ok_or_else(|| no_cdylib(package))?;
+    check_version(package, metadata)?;
     let folder = package.manifest_path.parent();
     let declared = package.dependencies.iter().find(|d| d.name == FMU_EXPORT);
     let renamed = declared.and_then(|dependency| dependency.rename.clone());
@@ -161,7 +161,6 @@ fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
         folder: folder.context("a manifest has a folder")?.into(),
         origin: origin(package),
         license_file: package.license_file().map(Into::into),
-        fmu_export: fmu_export(package, metadata)?.clone(),
         dependency: renamed.unwrap_or_else(|| FMU_EXPORT.to_owned()),
     })
 }
@@ -193,8 +192,8 @@ fn unknown_package(name: &str, members: &[&Package]) -> String {
     format!("the workspace has no package {name:?}; there are {}", known.join(", "))
 }
 
-/// The crate `fmu-export` that a package uses, in the version that this program knows.
-fn fmu_export<'a>(package: &Package, metadata: &'a Metadata) -> Result<&'a Package> {
+/// Checks that a package uses the version of `fmu-export` that this program knows.
+fn check_version(package: &Package, metadata: &Metadata) -> Result<()> {
     let nodes = metadata.resolve.iter().flat_map(|resolve| &resolve.nodes);
     let node = nodes.into_iter().find(|node| node.id == package.id);
     let used = node
@@ -214,7 +213,7 @@ fn fmu_export<'a>(package: &Package, metadata: &'a Metadata) -> Result<&'a Packa
         package.manifest_path,
         dependency()
     );
-    Ok(used)
+    Ok(())
 }
 
 /// Version, author and licence of a package. Cargo has no field for a copyright notice, which is
@@ -232,29 +231,13 @@ fn origin(package: &Package) -> Origin {
 }
 
 impl Library {
-    /// The feature for a library with the functions of one version of FMI only; `None` if the crate
-    /// `fmu-export` is one that knows no other version.
-    ///
-    /// # Errors
-    /// That crate does not know the version.
-    pub fn feature(&self, version: FmiVersion) -> Result<Option<String>> {
+    /// The feature for a library with the functions of one version of FMI only.
+    pub fn feature(&self, version: FmiVersion) -> String {
         let feature = match version {
             FmiVersion::Fmi2 => "fmi2",
             FmiVersion::Fmi3 => "fmi3",
         };
-        let used = &self.fmu_export;
-        if used.features.contains_key(feature) {
-            return Ok(Some(format!("{}/{feature}", self.dependency)));
-        }
-        ensure!(
-            version == FmiVersion::default(),
-            "the package {} uses {FMU_EXPORT} {}, which does not export FMI {}; expected one with the feature {feature}, write in its Cargo.toml:\n\n{}",
-            self.package,
-            used.version,
-            version.as_str(),
-            dependency()
-        );
-        Ok(None)
+        format!("{}/{feature}", self.dependency)
     }
 
     /// Whether a source file mentions one of the names as a word: a library that does is likely to have
