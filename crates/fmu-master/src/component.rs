@@ -57,16 +57,20 @@ impl<'a> Component<'a> {
         let Planned { name, fmu, .. } = planned;
         let mut inputs = ports.iter().map(|ports| initial(&ports.inputs, fmu, starts));
         let reals = inputs.next().unwrap_or_default();
-        let Ports { inputs: floats, run, copied, set, whole, get, .. } = &ports[0];
         let mut instance = fmu.instantiate(index, name, messages)?;
-        let set_at_steps = run.clone().unwrap_or_else(|| floats.listed(0));
-        let get_at_steps = whole.clone().unwrap_or_else(|| Listed::new(&[], 0..0));
-        instance.access_at_steps(set_at_steps, get_at_steps);
+        // An FMU that is stepped by hand has none.
+        let floats = ports.first();
+        if let Some(Ports { inputs, run, whole, .. }) = floats {
+            let set_at_steps = run.clone().unwrap_or_else(|| inputs.listed(0));
+            let get_at_steps = whole.clone().unwrap_or_else(|| Listed::new(&[], 0..0));
+            instance.access_at_steps(set_at_steps, get_at_steps);
+        }
+        let has_whole = floats.is_some_and(|ports| ports.whole.is_some());
         Ok(Self {
-            set: set.filter(|_| !floats.references.is_empty()),
-            get: get.filter(|_| whole.is_some()),
-            distributed: &ports[usize::from(whole.is_some())..],
-            copied: if run.is_some() { &[] } else { copied },
+            set: floats.and_then(|p| p.set.filter(|_| !p.inputs.references.is_empty())),
+            get: floats.and_then(|p| p.get.filter(|_| has_whole)),
+            distributed: &ports[usize::from(has_whole)..],
+            copied: floats.filter(|p| p.run.is_none()).map_or(&[], |p| &*p.copied),
             name: name.clone(),
             instance,
             messages: messages.clone(),
