@@ -8,17 +8,27 @@ import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 WHAT, FOLDER, COUNT = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
 STEP = 0.001
 
 
-def loop() -> tuple[dict[str, Path], list[tuple[str, str, str, str]]]:
+def loop() -> tuple[dict[str, Path], list[tuple[str, str]]]:
     """Return the FMUs and the connections."""
     sys.argv[1:] = [WHAT, "co-simulation", "pid", str(FOLDER), "", str(COUNT), ""]
     import importer
 
-    return importer.FMUS, importer.CONNECTIONS
+    links = [(f"{a}.{output}", f"{b}.{i}") for a, output, b, i in importer.CONNECTIONS]
+    return importer.FMUS, links
+
+
+def system() -> Any:
+    """Return the loop for `fmu_master`."""
+    from fmu_master import System
+
+    fmus, links = loop()
+    return System(components=fmus, connections=links, step=STEP, stop=STEP)
 
 
 # --- the time of a step [ns]: the angle is recorded or read ---------------------------------------
@@ -26,13 +36,8 @@ def loop() -> tuple[dict[str, Path], list[tuple[str, str, str, str]]]:
 
 def simulate(in_process: bool) -> float:
     """Run the loop with `fmu_master`."""
-    from fmu_master import System
-
-    fmus, connections = loop()
-    links = [(f"{a}.{output}", f"{b}.{i}") for a, output, b, i in connections]
-    system = System(components=fmus, connections=links, step=STEP, stop=STEP)
     options = {"output": ["plant.theta"], "order": "parallel", "in_process": in_process}
-    with system.loaded() as loaded:
+    with system().loaded() as loaded:
         for steps in (1, COUNT):  # the first run loads the FMUs
             begin = time.perf_counter_ns()
             loaded.simulate(stop_time=steps * STEP, **options)
@@ -43,8 +48,7 @@ def fmpy() -> float:
     """Run the loop with the FMPy master of `pendulum_fmus`."""
     from pendulum_fmus.master import Component, System, simulate
 
-    fmus, connections = loop()
-    links = [(f"{a}.{output}", f"{b}.{i}") for a, output, b, i in connections]
+    fmus, links = loop()
     with System([Component(name, file) for name, file in fmus.items()], links) as system:
         begin = time.perf_counter_ns()
         simulate(system, 0.0, STEP, COUNT, order="parallel", record=["plant.theta"])
@@ -113,12 +117,7 @@ def memory(in_process: bool) -> float:
     """Run COUNT short loops; return the resident memory of all processes [bytes]."""
     import psutil
 
-    from fmu_master import System
-
-    fmus, connections = loop()
-    links = [(f"{a}.{output}", f"{b}.{i}") for a, output, b, i in connections]
-    system = System(components=fmus, connections=links, step=STEP, stop=STEP)
-    with system.loaded() as loaded:
+    with system().loaded() as loaded:
         for k in range(COUNT):
             loaded.simulate({"controller.pid.kp": 100.0 + k % 100}, in_process=in_process)
         this = psutil.Process()

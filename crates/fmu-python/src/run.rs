@@ -317,8 +317,7 @@ fn in_worker(
             (start(&session, program, &job)?, session)
         }
     };
-    let rows = RefCell::new(Columns::default());
-    let (columns, warnings) = (RefCell::<Vec<Column>>::default(), RefCell::new(Vec::new()));
+    let done = RefCell::new(Done::default());
     let times = Cell::new(None);
     let outcome = supervise(
         &mut process.0,
@@ -327,14 +326,15 @@ fn in_worker(
             keeps_rows: false,
             keeps_worker: keeps,
             is_cancelled: &|| host.look(times.get()),
-            warn: &|text| warnings.borrow_mut().push(text.to_owned()),
+            warn: &|text| done.borrow_mut().warnings.push(text.to_owned()),
             progress: &|ready, time| {
                 times.set(Some((time, ready.experiment.start, ready.experiment.stop)));
             },
             row: &|ready, row| {
-                rows.borrow_mut().push(&ready.columns, row);
-                if columns.borrow().len() != ready.columns.len() {
-                    columns.borrow_mut().clone_from(&ready.columns);
+                let mut done = done.borrow_mut();
+                done.rows.push(&ready.columns, row);
+                if done.columns.len() != ready.columns.len() {
+                    done.columns.clone_from(&ready.columns);
                 }
             },
             compute: &|function, time, inputs| kept.functions.compute(function, time, inputs),
@@ -343,33 +343,25 @@ fn in_worker(
     if keeps && matches!(process.0.look(), Ok(None)) {
         kept.worker = Some(process);
     }
-    let done = Done {
-        rows: rows.into_inner(),
-        columns: columns.into_inner(),
-        warnings: warnings.into_inner(),
-        ..Done::default()
-    };
-    Ok(match outcome {
-        Outcome::Cancelled(_) => done,
+    let mut done = done.into_inner();
+    match outcome {
+        Outcome::Cancelled(_) => {}
         Outcome::Failed(mut fault) => {
-            Done { messages: std::mem::take(&mut fault.messages), fault: Some(fault), ..done }
+            done.messages = std::mem::take(&mut fault.messages);
+            done.fault = Some(fault);
         }
         Outcome::Finished(summary) => {
-            let mut warnings = done.warnings;
-            warnings.extend(
-                summary.crash.map(|ended| format!("after the simulation, the process {ended}")),
-            );
-            Done {
-                columns: summary.ready.columns,
-                messages: summary.messages,
-                notes: summary.ready.notes,
-                ended: summary.ended,
-                duration: summary.duration,
-                warnings,
-                ..done
-            }
+            let crash =
+                summary.crash.map(|ended| format!("after the simulation, the process {ended}"));
+            done.warnings.extend(crash);
+            done.columns = summary.ready.columns;
+            done.messages = summary.messages;
+            done.notes = summary.ready.notes;
+            done.ended = summary.ended;
+            done.duration = summary.duration;
         }
-    })
+    }
+    Ok(done)
 }
 
 /// Runs a system in this process.
@@ -377,12 +369,12 @@ fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Done>
     let functions = kept.functions.clone();
     let compute = move |function, time, inputs: &[Value]| functions.compute(function, time, inputs);
     let messages = Messages::default();
-    let mut rows = Columns::default();
+    let mut done = Done::default();
     let (plan, starts) = match kept.loaded.plan(system, &compute) {
         Ok(planned) => planned,
         Err(error) => {
-            let fault = Some(Failed::new(Vec::new(), &error));
-            return Ok(Done { fault, ..Done::default() });
+            done.fault = Some(Failed::new(Vec::new(), &error));
+            return Ok(done);
         }
     };
     let (start, stop) = (plan.experiment.start, plan.experiment.stop);
@@ -391,22 +383,23 @@ fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Done>
         begin = Instant::now();
         let mut count = 0_usize;
         simulation.run(|row| {
-            rows.push(&plan.columns, row);
+            done.rows.push(&plan.columns, row);
             count += 1;
             !count.is_multiple_of(ROWS) || !host.look(Some((row.time, start, stop)))
         })
     });
-    let (duration, notes) = (begin.elapsed(), plan.notes.clone());
-    let done = Done { columns: plan.columns.clone(), rows, notes, duration, ..Done::default() };
-    Ok(match finished {
-        Ok(finished) => Done {
-            messages: finished.messages,
-            ended: finished.ended.and_then(|ended| ended.end()),
-            ..done
-        },
-        Err(error) => {
-            let fault = Some(Failed::new(Vec::new(), &error));
-            Done { messages: messages.take(), fault, ..done }
+    done.duration = begin.elapsed();
+    done.columns.clone_from(&plan.columns);
+    done.notes.clone_from(&plan.notes);
+    match finished {
+        Ok(finished) => {
+            done.messages = finished.messages;
+            done.ended = finished.ended.and_then(|ended| ended.end());
         }
-    })
+        Err(error) => {
+            done.messages = messages.take();
+            done.fault = Some(Failed::new(Vec::new(), &error));
+        }
+    }
+    Ok(done)
 }
