@@ -5,7 +5,7 @@ use std::ffi::c_int;
 use std::ops::Range;
 
 use fmi_abi::Version;
-use fmi_abi::fmi2::{fmi2Boolean, fmi2Component, fmi2OK, fmi2Status};
+use fmi_abi::fmi2::{fmi2Component, fmi2Status};
 use fmi_abi::fmi3::{fmi3Instance, fmi3Status};
 
 use crate::instance::Instance;
@@ -49,77 +49,75 @@ impl Listed {
     }
 }
 
-/// The variables of an instance that every step sets or gets, and the function that does it.
+/// The variables that every step of an instance sets or gets, and the function that does it, unless each call looks
+/// it up, as of a WebAssembly component.
 struct Access<V> {
     listed: Listed,
-    function: Found<V>,
-    /// The number of values in a list that is long enough; no list is if the function is looked up in each call, as
-    /// in a WebAssembly component.
-    needed: usize,
-}
-
-/// A function that was looked up before the steps.
-enum Found<V> {
-    Fmi2(Fmi2<V>),
-    Fmi3(Fmi3<V>),
+    fmi2: Option<Fmi2<V>>,
+    fmi3: Option<Fmi3<V>>,
 }
 
 type Fmi2<V> = unsafe extern "C" fn(fmi2Component, *const u32, usize, V) -> fmi2Status;
 type Fmi3<V> = unsafe extern "C" fn(fmi3Instance, *const u32, usize, V, usize) -> fmi3Status;
 
 impl<V> Access<V> {
-    const NOTHING: Self =
-        Self { listed: Listed::NOTHING, function: Found::Fmi2(nothing), needed: 0 };
+    const NOTHING: Self = Self { listed: Listed::NOTHING, fmi2: None, fmi3: None };
 
     fn new(listed: Listed, fmi2: Option<Fmi2<V>>, fmi3: Option<Fmi3<V>>) -> Self {
-        let (function, needed) = match (fmi2, fmi3) {
-            _ if listed.references.is_empty() => return Self::NOTHING,
-            (Some(function), _) => (Found::Fmi2(function), listed.end),
-            (_, Some(function)) => (Found::Fmi3(function), listed.end),
-            _ => (Found::Fmi2(nothing), usize::MAX),
-        };
-        Self { listed, function, needed }
-    }
-
-    /// Calls the function with the elements, which begin where the pointer points.
-    ///
-    /// # Safety
-    /// The function belongs to the instance, and the pointer is valid for the elements.
-    #[inline(always)]
-    unsafe fn call(&self, instance: fmi2Component, values: V) -> c_int {
-        let Listed { references, scalars, .. } = &self.listed;
-        // SAFETY: the standard gives the types; the caller's promise.
-        unsafe {
-            match self.function {
-                Found::Fmi2(function) => {
-                    function(instance, references.as_ptr(), *scalars, values).0
-                }
-                Found::Fmi3(function) => {
-                    let (n, elements) = (references.len(), self.listed.place().len());
-                    function(instance, references.as_ptr(), n, values, elements).0
-                }
-            }
+        match listed.references[..] {
+            [] => Self::NOTHING,
+            _ => Self { listed, fmi2, fmi3 },
         }
     }
-}
-
-/// What is called to access no variables.
-unsafe extern "C" fn nothing<V>(_: fmi2Component, _: *const u32, _: usize, _: V) -> fmi2Status {
-    fmi2OK
 }
 
 /// What every step of an instance accesses.
 pub(crate) struct Quick {
     set: Access<*const f64>,
     get: Access<*mut f64>,
-    do_step: Option<DoStep>,
 }
 
-type DoStep = unsafe extern "C" fn(fmi2Component, f64, f64, fmi2Boolean) -> fmi2Status;
-
 impl Quick {
-    pub(crate) const NOTHING: Self =
-        Self { set: Access::NOTHING, get: Access::NOTHING, do_step: None };
+    pub(crate) const NOTHING: Self = Self { set: Access::NOTHING, get: Access::NOTHING };
+}
+
+/// Defines the access at steps.
+macro_rules! access {
+    ($($name:ident(&$($mut:ident)? [f64] as $pointer:ident) = $access:ident by $slow:ident, $functions:expr;)*) => { $(
+        #[doc = concat!("[`Instance::", stringify!($slow), "`] of the variables of [`Instance::access_at_steps`].")]
+        ///
+        /// # Panics
+        /// The list of values is too short.
+        #[inline(always)]
+        pub fn $name(&mut self, values: &$($mut)? [f64]) -> Unusual {
+            #[cold]
+            #[inline(never)]
+            fn slow(instance: &mut Instance, values: &$($mut)? [f64]) -> Unusual {
+                let Listed { references, first, end, .. } = instance.quick.$access.listed.clone();
+                let values = &$($mut)? values[first..end];
+                if references.is_empty() { None } else { slowly(instance.$slow(&references, values)) }
+            }
+            let Access { listed, fmi2, fmi3 } = &self.quick.$access;
+            let (references, instance) = (&listed.references, self.pointer);
+            if listed.end > values.len() {
+                return slow(self, values);
+            }
+            // SAFETY: the standard gives the types, the functions are those of the library of this instance, which is
+            // not freed, and every pointer is valid for the length passed with it, by the check. The rest depends on
+            // the foreign binary, as described in the crate documentation.
+            let status = unsafe {
+                let (first, to) = (references.as_ptr(), values.$pointer().add(listed.first));
+                match (fmi2, fmi3) {
+                    (Some(call), _) => call(instance, first, listed.scalars, to).0,
+                    (_, Some(call)) => {
+                        call(instance, first, references.len(), to, listed.place().len()).0
+                    }
+                    _ => return slow(self, values),
+                }
+            };
+            self.unusual(&$functions, status)
+        }
+    )* };
 }
 
 impl Instance {
@@ -129,61 +127,18 @@ impl Instance {
         self.quick = Quick {
             set: Access::new(set, fmi2.fmi2SetReal, fmi3.fmi3SetFloat64),
             get: Access::new(get, fmi2.fmi2GetReal, fmi3.fmi3GetFloat64),
-            do_step: fmi2.fmi2DoStep,
         };
     }
 
-    /// [`Instance::get_float64`] of the variables of [`access_at_steps`](Instance::access_at_steps).
-    ///
-    /// # Panics
-    /// The list of values is too short.
-    #[inline(always)]
-    pub fn get_at_step(&mut self, values: &mut [f64]) -> Unusual {
-        let access = &self.quick.get;
-        if access.needed > values.len() {
-            return self.get_slowly(values);
-        }
-        // SAFETY: the function is one of the library of this instance, which is not freed, and the pointer is
-        // valid for the elements, by the check. The rest depends on the foreign binary, as described in the crate
-        // documentation.
-        let status =
-            unsafe { access.call(self.pointer, values.as_mut_ptr().add(access.listed.first)) };
-        self.unusual(&["fmi2GetReal", "fmi3GetFloat64"], status)
-    }
-
-    /// [`Instance::set_float64`] of the variables of [`access_at_steps`](Instance::access_at_steps).
-    ///
-    /// # Panics
-    /// The list of values is too short.
-    #[inline(always)]
-    pub fn set_at_step(&mut self, values: &[f64]) -> Unusual {
-        let access = &self.quick.set;
-        if access.needed > values.len() {
-            return self.set_slowly(values);
-        }
-        // SAFETY: as above.
-        let status = unsafe { access.call(self.pointer, values.as_ptr().add(access.listed.first)) };
-        self.unusual(&["fmi2SetReal", "fmi3SetFloat64"], status)
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn get_slowly(&mut self, values: &mut [f64]) -> Unusual {
-        let Listed { references, first, end, .. } = self.quick.get.listed.clone();
-        slowly(self.get_float64(&references, &mut values[first..end]))
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn set_slowly(&mut self, values: &[f64]) -> Unusual {
-        let Listed { references, first, end, .. } = self.quick.set.listed.clone();
-        slowly(self.set_float64(&references, &values[first..end]))
+    access! {
+        set_at_step(&[f64] as as_ptr) = set by set_float64, ["fmi2SetReal", "fmi3SetFloat64"];
+        get_at_step(&mut [f64] as as_mut_ptr) = get by get_float64, ["fmi2GetReal", "fmi3GetFloat64"];
     }
 
     /// [`Instance::do_step`] for steps.
     #[inline(always)]
     pub fn do_step_quickly(&mut self, time: f64, step: f64) -> Unusual {
-        match (self.quick.do_step, self.version) {
+        match (self.library.fmi2.fmi2DoStep, self.version) {
             (Some(do_step), _) => {
                 // SAFETY: as above.
                 let status =

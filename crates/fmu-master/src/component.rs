@@ -400,7 +400,9 @@ impl<'a> Component<'a> {
             let kind = fmu.access(scalar);
             self.calls.begin(Function::of(fmu.version, &operation("set", kind)));
             let outcome = (self.instance).set_values(kind, &wired.references, &values);
-            self.explain_writing(outcome, &wired, &values)?;
+            if outcome != Ok(Success::Ok) {
+                self.explain_writing(outcome, &wired, &values)?;
+            }
         }
         Ok(())
     }

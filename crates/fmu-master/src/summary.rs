@@ -168,13 +168,12 @@ impl<'a> Gathering<'a> {
     /// Adds a row.
     #[inline]
     pub(crate) fn add(&mut self, row: &Row) {
-        let Store { reals, others } = &row.store;
         // 0 times a number that is not finite is NaN.
         let mut zero = 0.0;
-        for (extremes, x) in self.extremes.iter_mut().zip(reals) {
+        for (extremes, x) in self.extremes.iter_mut().zip(&row.store.reals) {
             zero += 0.0 * extremes.add(*x);
         }
-        if self.rows >= self.next || zero.is_nan() || !others.is_empty() {
+        if self.rows >= self.next || zero.is_nan() {
             self.look(row);
         }
         self.rows += 1;
@@ -196,7 +195,10 @@ impl<'a> Gathering<'a> {
         if self.windows.contains(&self.rows) {
             self.turn(row);
         }
-        self.next = self.next_part.min(self.windows.start);
+        self.next = match others[..] {
+            [] => self.next_part.min(self.windows.start),
+            _ => 0,
+        };
     }
 
     #[cold]

@@ -85,8 +85,9 @@ impl Store {
     /// Copies recorded values of another store; if they are `PLAIN`, all are Float64.
     #[inline(always)]
     pub(crate) fn record<const PLAIN: bool>(&mut self, records: &Records, from: &Self) {
+        let (reals, sources) = (&mut *self.reals, &*from.reals);
         for &(source, to) in &records.reals {
-            self.reals[to] = from.reals[source];
+            reals[to] = sources[source];
         }
         if !PLAIN {
             for &(source, to) in &records.others {
@@ -281,14 +282,17 @@ impl Wiring {
             });
         }
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
-            let run = run(&reals.sources).filter(|_| reals.inputs.are_all);
-            reals.run = run.map(|first| reals.inputs.listed(first));
             let pairs = reals.sources.iter().zip(&reals.inputs.positions);
             let copied = pairs.filter_map(|(source, position)| match source.output {
                 Place::Real(from) if source.scale.is_none() => Some((from, *position)),
                 _ => None,
             });
             reals.copied = copied.collect();
+            if let [(first, _), ..] = reals.copied[..]
+                && (first..).zip(0..reals.inputs.elements).eq(reals.copied.iter().copied())
+            {
+                reals.run = Some(reals.inputs.listed(first));
+            }
             reals.whole = match reals.first {
                 Place::Real(first) if reals.outputs.are_all => Some(reals.outputs.listed(first)),
                 _ => None,
@@ -301,14 +305,6 @@ impl Wiring {
             && wired.iter().all(|all| all.len() == 1 && all[0].is_plain());
         Self { components: wired, counts, before, after, lines, fed, is_plain }
     }
-}
-
-/// See [`Ports::run`].
-fn run(sources: &[Source]) -> Option<usize> {
-    let Place::Real(first) = sources.first()?.output else { return None };
-    let mut all = sources.iter().zip(first..);
-    all.all(|(source, index)| source.output == Place::Real(index) && source.scale.is_none())
-        .then_some(first)
 }
 
 /// Scalars, and the variables with which they are got or set.
