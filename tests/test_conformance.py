@@ -67,6 +67,10 @@ def test_one_instance_is_enough_if_the_fmu_allows_no_more(conformance: Callable[
     assert findings(write(fmu, {**files, "modelDescription.xml": text})) == []
 
 
+def test_parameters_may_exclude_each_other(conformance: Callable[..., Path]) -> None:
+    assert findings(conformance("PARAMETERS_CLASH")) == []
+
+
 @pytest.mark.parametrize("defect", FOUND if ALL else FEW)
 def test_a_defect_is_found(conformance: Callable[..., Path], defect: str) -> None:
     kind, rule = DEFECTS[defect]

@@ -667,6 +667,10 @@ static const char *objection(const Instance *c, const Rule *rules, size_t rule_c
 static Status before_get(Instance *c) {
     if (HAS(GET_HAS_SIDE_EFFECTS)) c->now.data.x[0] += 1e-6;
     if (HAS(LEAK_PER_GET)) leak(100);
+    const Data *d = &c->now.data;
+    if (HAS(PARAMETERS_CLASH) && d->damping != 0.3 && d->stiffness != 4) {
+        REFUSE(c, "nothing can be computed with this damping and stiffness");
+    }
     return HAS(GET_AFTER_TERMINATE_REFUSED) && c->now.phase == TERMINATED_PHASE ? ERROR : OK;
 }
 

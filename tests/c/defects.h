@@ -51,6 +51,7 @@ PLANT(HANG_IN_INIT, BOTH, "survives", "fmi2EnterInitializationMode does not retu
 PLANT(HANG_IN_STEP, BOTH, "survives", "a step after 0.5 s does not return")
 PLANT(HANG_IN_TERMINATE, BOTH, "survives", "fmi2Terminate does not return")
 PLANT(NVR_ZERO_CRASHES, BOTH, "zero-references", "a get or set of no variables crashes")
+PLANT(PARAMETERS_CLASH, BOTH, NULL, "values cannot be read if damping and stiffness are not those of the XML")
 PLANT(PARTIAL_SET, BOTH, NULL, "a refused set has written the variables before the wrong one")
 PLANT(SET_ERROR_RETURNS_OK, BOTH, "unknown-references", "a refused set returns fmi2OK")
 

@@ -229,7 +229,7 @@ fn are_kept<'a>(
         return Ok(false);
     }
     let read = match variables.read(&mut run.instance) {
-        Err(_) if !has_inputs => return Ok(false),
+        Err(_) if causalities.contains(&Causality::Parameter) => return Ok(false),
         read => read?,
     };
     for ((variable, value), read) in variables.variables().zip(&values).zip(&read) {
