@@ -88,9 +88,8 @@ class Component(AbstractContextManager):
         self.arrays: dict[str, list[str]] = {}  # all elements of an array, by each of them
         with ExitStack() as stack:
             self._instantiate(stack)
-            self._given = self._configure(dict(start or {}))
-            for name, value in self._given.items():
-                self.set(name, value)
+            self._given = dict(start or {})
+            self._start()
             self._resources = stack.pop_all()
 
     def _instantiate(self, stack: ExitStack) -> None:
@@ -128,34 +127,24 @@ class Component(AbstractContextManager):
         """Return a function of the FMU, such as "DoStep", without the checks of FMPy."""
         return getattr(self.slave.dll, f"fmi{self.description.fmiVersion[0]}{name}")
 
-    def _configure(self, start: dict[str, Any]) -> dict[str, Any]:
-        """Set the structural parameters, which give arrays their sizes; return the others."""
-        known = [self.variables[name] for name in start if name in self.variables]
-        self._sizes = {v.name: start.pop(v.name) for v in known if v.causality == STRUCTURAL}
-        self._write_sizes()
-        for array in [v for v in self.description.modelVariables if v.dimensions]:
-            self._name_elements(array)
-        for name in self.arrays.keys() & start.keys():
-            self.variables[name].start = start[name]
-        return start
-
-    def _write_sizes(self) -> None:
-        if self._sizes:
+    def _start(self) -> None:
+        """Set the start values; first structural parameters, which give arrays their sizes."""
+        variables, given = self.variables, self._given
+        sizes = [n for n in given if n in variables and variables[n].causality == STRUCTURAL]
+        if sizes:
             with self.explained("configuration"):
                 self.slave.enterConfigurationMode()
-                for name, value in self._sizes.items():
-                    self.variables[name].start = value
-                    self._write(name, value)
+                for name in sizes:
+                    variables[name].start = given[name]
+                    self._write(name, given[name])
                 self.slave.exitConfigurationMode()
-
-    def _reset(self) -> None:
-        """Return to the state after instantiation, with the values that were set."""
-        with self.explained("reset"):
-            self.slave.reset()
-        self._running = False
-        self._write_sizes()
-        for name, value in self._given.items():
-            self._write(name, value)
+        for array in self.description.modelVariables:
+            if array.dimensions and array.name in variables:
+                self._name_elements(array)
+        for name in self.arrays.keys() & given.keys():
+            variables[name].start = given[name]
+        for name in [name for name in given if name not in sizes]:
+            self.set(name, given[name])
 
     def _name_elements(self, array: ModelVariable) -> None:
         """Replace an array among the variables by its elements."""
@@ -226,7 +215,10 @@ class Component(AbstractContextManager):
     def initialize(self, time: float) -> None:
         """Go through the initialization mode at `time` [s], again after a reset."""
         if not math.isnan(self.time):
-            self._reset()
+            with self.explained("reset"):
+                self.slave.reset()
+            self._running = False
+            self._start()
         self.time, given = time, {"startTime": time}
         with self.explained("initialization"):
             if self.module is fmi2:
