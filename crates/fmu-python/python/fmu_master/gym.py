@@ -75,9 +75,7 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.close()
         starts = {**self._start(self.np_random), **(options or {})}
         if isinstance(self._system, System):
-            names = (self._actions, self._observations)
-            times = (self._step_size, self._step_size * (self._steps + 1))
-            self._fmu = _Loop(self._system, starts, *names, *times, self._in_process)
+            self._fmu = _Loop(self, self._system, starts)
         else:
             self._fmu = Instance(self._system, start_values=starts, in_process=self._in_process)
         self._count = 0
@@ -116,31 +114,23 @@ class _Loop:
     It has the methods of an instance that is stepped by hand.
     """
 
-    def __init__(
-        self,
-        system: System,
-        starts: Mapping[str, Any],
-        actions: list[str],
-        observations: list[str],
-        step_size: float,
-        duration: float,
-        in_process: bool,
-    ):
+    def __init__(self, env: FmuEnv, system: System, starts: Mapping[str, Any]):
         self._observed: SimpleQueue[tuple[float, tuple[float, ...]] | BaseException] = SimpleQueue()
         self._acting: SimpleQueue[list[float] | None] = SimpleQueue()
-        self._action = [0.0] * len(actions)
-        seen = [f"o{number}" for number in range(len(observations))]
-        acts = [f"a{number}" for number in range(len(actions))]
-        links = [(name, f"agent.{own}") for name, own in zip(observations, seen, strict=True)]
-        links += [(f"agent.{own}", name) for own, name in zip(acts, actions, strict=True)]
-        agent = {"name": "agent", "fmu": python_component(seen, acts, self._act, step_size)}
+        self._action = [0.0] * len(env._actions)
+        seen = {f"o{number}": name for number, name in enumerate(env._observations)}
+        acts = {f"a{number}": name for number, name in enumerate(env._actions)}
+        links = [(name, f"agent.{own}") for own, name in seen.items()]
+        links += [(f"agent.{own}", name) for own, name in acts.items()]
+        agent = python_component(list(seen), list(acts), self._act, env._step_size)
         keys = system.keys()
         system = system.changed(
-            component=[agent, *keys["component"]],
+            component=[{"name": "agent", "fmu": agent}, *keys["component"]],
             connections=[*keys.get("connections", ()), *links],
         )
         start, _, step = system.times()
-        options = {"stop_time": start + duration + step, "in_process": in_process}
+        stop = start + env._step_size * (env._steps + 1) + step
+        options = {"stop_time": stop, "in_process": env._in_process}
         self._thread = threading.Thread(
             target=self._run, args=(system, starts, options), daemon=True
         )

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     import scipy.signal
     from matplotlib.figure import Figure
 
+_Names = Sequence[str]
+
+_Pairs = Sequence[Sequence[str]]
+"""The names of states and their derivatives."""
+
 _DIFFERENCE = np.finfo(float).eps ** (1 / 3)
 """The step of central differences, relative to the larger of 1 and the magnitude of a value."""
 
@@ -189,11 +194,11 @@ def _of_fmu(
         names = [_continuous(fmu, "input") if inputs is None else list(inputs)]
         names.append(_continuous(fmu, "output") if outputs is None else list(outputs))
         pairs, are_directional = fmu._native.equations()
-        states, derivatives = ([pair[k] for pair in pairs] for k in (0, 1))
+        states = [state for state, _ in pairs]
         if any(fmu.variables[name].dimensions for name in states):
             raise FmuError(f"{filename}: a state is an array, which linearize does not support")
         model = _directional if are_directional else _differences
-        matrix = model(fmu, states, derivatives, *names)
+        matrix = model(fmu, pairs, *names)
         n = len(states)
         parts = (matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:])
         return Linear(*parts, tuple(states), tuple(names[0]), tuple(names[1]), fmu.time)
@@ -211,26 +216,15 @@ def _continuous(fmu: Instance, causality: str) -> list[str]:
     ]
 
 
-def _directional(
-    fmu: Instance,
-    states: list[str],
-    derivatives: list[str],
-    inputs: list[str],
-    outputs: list[str],
-) -> np.ndarray:
+def _directional(fmu: Instance, pairs: _Pairs, inputs: _Names, outputs: _Names) -> np.ndarray:
     """Return [[A, B], [C, D]] from directional derivatives."""
-    unknowns, knowns = [*derivatives, *outputs], [*states, *inputs]
+    unknowns = [*(derivative for _, derivative in pairs), *outputs]
+    knowns = [*(state for state, _ in pairs), *inputs]
     columns = [fmu.directional_derivative(unknowns, [known], [1.0]) for known in knowns]
     return np.reshape(np.array(columns), (len(knowns), len(unknowns))).T
 
 
-def _differences(
-    fmu: Instance,
-    states: list[str],
-    derivatives: list[str],
-    inputs: list[str],
-    outputs: list[str],
-) -> np.ndarray:
+def _differences(fmu: Instance, pairs: _Pairs, inputs: _Names, outputs: _Names) -> np.ndarray:
     """Return [[A, B], [C, D]] from central differences."""
     at, given = fmu.continuous_states, np.array([float(fmu.get(name)) for name in inputs])
     point = np.concatenate([at, given])
@@ -248,4 +242,4 @@ def _differences(
         low[index] -= _DIFFERENCE * max(1.0, abs(value))
         columns.append((evaluate(high) - evaluate(low)) / (high[index] - low[index]))
     evaluate(point)
-    return np.reshape(columns, (len(point), len(derivatives) + len(outputs))).T
+    return np.reshape(columns, (len(point), len(pairs) + len(outputs))).T
