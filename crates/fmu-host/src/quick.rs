@@ -29,23 +29,22 @@ pub struct Listed {
     references: Vec<u32>,
     /// The number of variables that have an element each, as all do in FMI 2.0.
     scalars: usize,
-    first: usize,
-    end: usize,
+    place: Range<usize>,
 }
 
 impl Listed {
-    const NOTHING: Self = Self { references: Vec::new(), scalars: 0, first: 0, end: 0 };
+    const NOTHING: Self = Self { references: Vec::new(), scalars: 0, place: 0..0 };
 
     /// The variables of these value references, whose elements are at this place.
     pub fn new(references: &[u32], place: Range<usize>) -> Self {
         let scalars = references.len().min(place.len());
-        let Range { start: first, end } = place;
-        Self { references: references.to_vec(), scalars, first, end: end.max(first) }
+        let place = place.start..place.end.max(place.start);
+        Self { references: references.to_vec(), scalars, place }
     }
 
     /// The place of the elements.
     pub fn place(&self) -> Range<usize> {
-        self.first..self.end
+        self.place.clone()
     }
 }
 
@@ -93,25 +92,23 @@ macro_rules! access {
             #[cold]
             #[inline(never)]
             fn slow(instance: &mut Instance, values: &$($mut)? [f64]) -> Unusual {
-                let Listed { references, first, end, .. } = instance.quick.$access.listed.clone();
-                let values = &$($mut)? values[first..end];
+                let Listed { references, place, .. } = instance.quick.$access.listed.clone();
+                let values = &$($mut)? values[place];
                 if references.is_empty() { None } else { slowly(instance.$slow(&references, values)) }
             }
             let Access { listed, fmi2, fmi3 } = &self.quick.$access;
             let (references, instance) = (&listed.references, self.pointer);
-            if listed.end > values.len() {
+            if listed.place.end > values.len() {
                 return slow(self, values);
             }
             // SAFETY: the standard gives the types, the functions are those of the library of this instance, which is
             // not freed, and every pointer is valid for the length passed with it, by the check. The rest depends on
             // the foreign binary, as described in the crate documentation.
             let status = unsafe {
-                let (first, to) = (references.as_ptr(), values.$pointer().add(listed.first));
+                let (first, to) = (references.as_ptr(), values.$pointer().add(listed.place.start));
                 match (fmi2, fmi3) {
                     (Some(call), _) => call(instance, first, listed.scalars, to).0,
-                    (_, Some(call)) => {
-                        call(instance, first, references.len(), to, listed.place().len()).0
-                    }
+                    (_, Some(call)) => call(instance, first, references.len(), to, listed.place.len()).0,
                     _ => return slow(self, values),
                 }
             };

@@ -186,8 +186,10 @@ impl<'a> Gathering<'a> {
         for (extremes, value) in self.extremes[reals.len()..].iter_mut().zip(others) {
             extremes.add(number(value));
         }
-        if self.extremes.iter().any(|extremes| !extremes.squares.is_finite()) {
-            self.lose(row);
+        for (lost, x) in self.lost.iter_mut().zip(row.numbers()) {
+            if !x.is_finite() {
+                lost.get_or_insert(row.time);
+            }
         }
         if self.rows >= self.next_part {
             self.end_part(row);
@@ -199,15 +201,6 @@ impl<'a> Gathering<'a> {
             [] => self.next_part.min(self.windows.start),
             _ => 0,
         };
-    }
-
-    #[cold]
-    fn lose(&mut self, row: &Row) {
-        for (lost, x) in self.lost.iter_mut().zip(row.numbers()) {
-            if !x.is_finite() {
-                lost.get_or_insert(row.time);
-            }
-        }
     }
 
     #[cold]

@@ -176,13 +176,12 @@ impl Journal {
         let index = |line: &str| first(line).map_or_else(|| self.index(line), Ok);
         let rows = self.rows(&text, index)?;
         let missing = self.runs - rows.len() as u64;
-        let first = (0..self.runs).find(|index| !rows.contains_key(index));
         ensure!(
             missing == 0,
             "{}: {missing} of {} runs are missing, the first is {}",
             self.path.display(),
             self.runs,
-            first.unwrap_or_default()
+            (0..self.runs).find(|index| !rows.contains_key(index)).unwrap_or_default()
         );
         let rows = rows.values().map(|line| {
             let (row, _) = table::parse(&self.columns, line)?;

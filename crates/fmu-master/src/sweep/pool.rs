@@ -169,14 +169,21 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
     }
 }
 
+impl<T> Pool<'_, T> {
+    /// Lets idle workers free their FMUs and end.
+    pub(crate) fn dismiss(&mut self) {
+        for busy in self.busy.iter_mut().filter(|busy| busy.tasks.is_empty()) {
+            busy.worker.dismiss();
+        }
+    }
+}
+
 impl<T> Drop for Pool<'_, T> {
     /// Lets idle workers free their FMUs; the others are killed.
     fn drop(&mut self) {
         let deadline = Instant::now() + FAREWELL;
         self.busy.retain(|busy| busy.tasks.is_empty());
-        for busy in &mut self.busy {
-            busy.worker.dismiss();
-        }
+        self.dismiss();
         for mut busy in self.busy.drain(..) {
             let rest = deadline.saturating_duration_since(Instant::now());
             // How it ends no longer matters.

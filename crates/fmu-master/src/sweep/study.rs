@@ -435,6 +435,8 @@ impl Study {
             report(&progress);
             Ok(())
         })?;
+        // They free their FMUs while the table is written.
+        pool.dismiss();
         match is_complete {
             true => journal.finish(|row| progress.see(&self.columns, row))?,
             false => journal.keep()?,
