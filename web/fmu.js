@@ -30,8 +30,8 @@ function filesOf(bytes) {
   return files;
 }
 
-// The first core module of a component, which has the functions of the FMU.
-function coreModule(component) {
+// The core modules of a component, and of the components in it.
+function* coreModules(component) {
   let at = 8;
   while (at < component.length) {
     const id = component[at++];
@@ -41,10 +41,20 @@ function coreModule(component) {
       size += (byte & 127) * 2 ** shift;
       shift += 7;
     } while (byte & 128);
-    if (id === 1) return component.subarray(at, at + size);
-    at += size;
+    const content = component.subarray(at, (at += size));
+    if (id === 1) yield content;
+    if (id === 4) yield* coreModules(content);
   }
-  throw new Error("the component has no module");
+}
+
+// The module of a component that has all functions of the FMU, and a memory.
+async function moduleOf(component) {
+  for (const core of coreModules(component)) {
+    const module = await WebAssembly.compile(core);
+    const names = WebAssembly.Module.exports(module).map(({ name }) => name);
+    if (names.includes("memory") && names.some((name) => /do[-_]step$/.test(name))) return module;
+  }
+  throw new Error("no module of its component has all of the code, as this page needs; cargo fmu simulate runs such components");
 }
 
 // What the page needs of modelDescription.xml.
@@ -69,7 +79,7 @@ async function readFmu(bytes, read = describe) {
   const fmu = read(new TextDecoder().decode(await content()));
   const binary = files.get(`binaries/wasm32-wasip2/${fmu.id}.wasm`);
   if (!binary) throw new Error("it has no WebAssembly component for co-simulation; export it with --fmi 3.0 --target wasm");
-  return { ...fmu, module: await WebAssembly.compile(coreModule(await binary())) };
+  return { ...fmu, module: await moduleOf(await binary()) };
 }
 
 // What a component that was compiled for WASI finds there: no files and no arguments, clocks that stand still, random

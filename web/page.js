@@ -107,12 +107,15 @@ class Loop {
 function restart() {
   time = pushUntil = 0;
   pushes = [];
-  try {
-    loops = settings.on.split(",").filter((name) => fmus[name]).map((name) => new Loop(name));
-  } catch (error) {
-    loops = [];
-    say(error.message, true);
-  }
+  say("");
+  loops = settings.on.split(",").filter((name) => fmus[name]).flatMap((name) => {
+    try {
+      return new Loop(name);
+    } catch (error) {
+      say(`${name} cannot start: ${error.message}`, true);
+      return [];
+    }
+  });
   for (const loop of loops) loop.read(radians(settings.r));
   element("effect").replaceChildren(...loops.map(swingOf));
 }
