@@ -260,6 +260,7 @@ LOOP = "(loop (br 0))"
 AGAIN = "(i32.const 0) (i32.const 0) (f64.const 0) (f64.const 0) (i32.const 0) (f64.const 0)"
 LOG = "(call $log (i32.const 8) (i32.const {}) (i32.const 0) (i32.const 8) (i32.const 0) {})"
 TEXT = "(i32.const 8) (i32.const 1)"
+NUMBER = "(local $n i32) (local.set $n (call $create (i32.const 66)))"
 
 
 @pytest.mark.sandbox
@@ -314,6 +315,17 @@ TEXT = "(i32.const 8) (i32.const 1)"
             "(if (i32.ne (i32.load16_u (i32.load (i32.const 16))) (i32.const 0x6941))"
             "(then unreachable))",
             "fmi3ExitInitializationMode is missing from the component",
+        ),
+        # The function that ends a number of the component in it traps at this number.
+        (
+            "enter",
+            f"{NUMBER} (call $look (local.get $n))",
+            "fmi3ExitInitializationMode is missing from the component",
+        ),
+        (
+            "enter",
+            f"{NUMBER} (call $look (local.get $n)) (call $drop (local.get $n))",
+            "fmi3EnterInitializationMode|`unreachable`",
         ),
         ("options", "string-encoding=utf16", "texts that are not UTF-8"),
     ],

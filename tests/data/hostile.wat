@@ -46,7 +46,10 @@
   (core func $write (canon lower (func $streams "[method]output-stream.write") (memory $m)))
   ;; A component in it, which has its own memory, and whose resource is a number.
   (component $inner
-    (type $number (resource (rep i32)))
+    (core module $end (func (export "end") (param i32)
+      (if (i32.eq (local.get 0) (i32.const 66)) (then unreachable))))
+    (core instance $end (instantiate $end))
+    (type $number (resource (rep i32) (dtor (core func $end "end"))))
     (core func $new (canon resource.new $number))
     (core module $code
       (import "" "new" (func $new (param i32) (result i32)))
@@ -71,12 +74,26 @@
     (export "greet" (func $greet)
       (func (param "self" (borrow $exported)) (param "text" string) (result string))))
   (instance $inner (instantiate $inner))
+  (alias export $inner "number" (type $number))
+  (core func $drop (canon resource.drop $number))
+  ;; A component that borrows a number, and gives it back.
+  (component $reader
+    (import "number" (type $number (sub resource)))
+    (core func $drop (canon resource.drop $number))
+    (core module $code (import "" "drop" (func $drop (param i32)))
+      (func (export "look") (param i32) (call $drop (local.get 0))))
+    (core instance $code (instantiate $code (with "" (instance (export "drop" (func $drop))))))
+    (func (export "look") (param "number" (borrow $number)) (canon lift (core func $code "look"))))
+  (instance $reader (instantiate $reader (with "number" (type $number))))
+  (core func $look (canon lower (func $reader "look")))
   (core func $create (canon lower (func $inner "create")))
   (core func $greet (canon lower (func $inner "greet") (memory $m) (realloc $realloc)))
   (core module $code
     (import "" "memory" (memory 1))
     (import "" "create" (func $create (param i32) (result i32)))
     (import "" "greet" (func $greet (param i32 i32 i32 i32)))
+    (import "" "look" (func $look (param i32)))
+    (import "" "drop" (func $drop (param i32)))
     (import "" "new" (func $new (param i32) (result i32)))
     (import "" "log" (func $log (param i32 i32 i32 i32 i32 i32 i32)))
     (import "" "random" (func $random (result i64)))
@@ -100,6 +117,7 @@
   (core instance $code (instantiate $code (with "" (instance
     (export "memory" (memory $m)) (export "new" (func $new)) (export "log" (func $log))
     (export "create" (func $create)) (export "greet" (func $greet))
+    (export "look" (func $look)) (export "drop" (func $drop))
     (export "random" (func $random)) (export "now" (func $now))
     (export "date" (func $date)) (export "exit" (func $exit))
     (export "arguments" (func $arguments)) (export "write" (func $write))

@@ -51,6 +51,7 @@ pub(crate) struct Compiled {
 }
 
 /// What the functions that a component imports need.
+#[derive(Default)]
 struct Data {
     /// The key of the callbacks.
     callbacks: usize,
@@ -59,6 +60,8 @@ struct Data {
     limits: StoreLimits,
     /// The start of a line that the component prints.
     printed: Vec<u8>,
+    /// Handles that components have borrowed from each other, with their tables; `None` where a call began.
+    borrowed: Vec<Option<(i32, i32)>>,
 }
 
 /// An instance of a component.
@@ -148,7 +151,7 @@ impl Compiled {
             has_logger: arguments.treatment != Treatment::NoLogger,
             resources: arguments.resources.into(),
             limits: limits.build(),
-            printed: Vec::new(),
+            ..Data::default()
         };
         let mut store = Store::new(self.engine, data);
         store.limiter(|data| &mut data.limits);
@@ -216,9 +219,7 @@ impl Compiled {
     /// The result of `fmi3GetVersion`.
     pub(crate) fn version(&self) -> Result<String> {
         let get = || {
-            let (resources, limits) = (PathBuf::new(), StoreLimits::default());
-            let data = Data { callbacks: 0, has_logger: false, resources, limits, printed: vec![] };
-            let mut store = Store::new(self.engine, data);
+            let mut store = Store::new(self.engine, Data::default());
             store.set_epoch_deadline(FOREVER);
             let linked = Linked::new(&self.parts, &mut store)?;
             let get = linked.find(&mut store, "fmi:fmi3/common@3.0.0", "get-version")?;

@@ -5,14 +5,14 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use wasmtime::{
-    Error, Extern, ExternType, Func, Global, Instance, Memory, Module, Result, Store, Val,
+    Error, Extern, ExternType, Func, FuncType, Global, Instance, Memory, Module, Result, Store, Val,
 };
 use wasmtime_environ::component::{
     CanonicalOptionsDataModel, Component, ComponentTypes, ComponentTypesBuilder, CoreDef,
     CoreExport, Export, ExportItem, FLAG_MAY_ENTER, FLAG_MAY_LEAVE, FixedEncoding,
     GlobalInitializer, InstantiateModule, InterfaceType, OptionsIndex, ResourceIndex,
     StaticModuleIndex, StringEncoding, Trampoline, TrampolineIndex, Transcode, Translator, TypeDef,
-    TypeFuncIndex, TypeResult, TypeTupleIndex,
+    TypeFuncIndex, TypeResourceTableIndex, TypeResult, TypeTupleIndex,
 };
 use wasmtime_environ::wasmparser::Validator;
 use wasmtime_environ::{EntityIndex, PrimaryMap, ScopeVec, Tunables};
@@ -22,6 +22,7 @@ use super::{Data, PACKAGE, abi, host};
 /// A component in parts.
 pub(super) struct Parts {
     component: Component,
+    types: ComponentTypes,
     trampolines: PrimaryMap<TrampolineIndex, Trampoline>,
     /// The modules, with the names of what they export.
     modules: Vec<(Module, HashMap<EntityIndex, String>)>,
@@ -91,7 +92,7 @@ impl Parts {
                 }
             }
         }
-        Ok(Self { component, trampolines, modules, exports })
+        Ok(Self { component, types, trampolines, modules, exports })
     }
 }
 
@@ -279,14 +280,29 @@ impl<'a> Linked<'a> {
                     // A handle is what it stands for.
                     Trampoline::ResourceNew(_)
                     | Trampoline::ResourceRep(_)
-                    | Trampoline::ResourceDrop(_)
-                    | Trampoline::ResourceTransferOwn
-                    | Trampoline::ResourceTransferBorrow
-                    | Trampoline::ResourceEnterCall
-                    | Trampoline::ResourceExitCall => Func::new(store, of, |_, given, results| {
-                        results.clone_from_slice(&given[..results.len()]);
+                    | Trampoline::ResourceTransferOwn => {
+                        Func::new(store, of, |_, given, results| {
+                            results.clone_from_slice(&given[..1]);
+                            Ok(())
+                        })
+                    }
+                    Trampoline::ResourceTransferBorrow => {
+                        Func::new(store, of, |mut caller, given, results| {
+                            let borrowed = (given[2].unwrap_i32(), given[0].unwrap_i32());
+                            caller.data_mut().borrowed.push(Some(borrowed));
+                            results.clone_from_slice(&given[..1]);
+                            Ok(())
+                        })
+                    }
+                    Trampoline::ResourceEnterCall => Func::new(store, of, |mut caller, _, _| {
+                        caller.data_mut().borrowed.push(None);
                         Ok(())
                     }),
+                    Trampoline::ResourceExitCall => Func::new(store, of, |mut caller, _, _| {
+                        while let Some(Some(_)) = caller.data_mut().borrowed.pop() {}
+                        Ok(())
+                    }),
+                    Trampoline::ResourceDrop(table) => self.drop_of(store, *table, of)?,
                     Trampoline::Transcoder {
                         op: Transcode::Copy(FixedEncoding::Utf8),
                         from,
@@ -304,6 +320,31 @@ impl<'a> Linked<'a> {
             _ => return Err(unsupported()),
         };
         Ok(function.into())
+    }
+
+    /// The function that drops a handle of a table. It ends the resource, unless the handle was borrowed.
+    fn drop_of(
+        &self,
+        store: &mut Store<Data>,
+        table: TypeResourceTableIndex,
+        of: FuncType,
+    ) -> Result<Func> {
+        let end = end(&self.parts.component, self.parts.types[table].ty);
+        let end = end.map(|end| self.import(store, end, ExternType::Func(of.clone())));
+        let end = end.transpose()?.and_then(Extern::into_func);
+        let table = table.as_u32().cast_signed();
+        Ok(Func::new(store, of, move |mut caller, given, results| {
+            let borrowed = &mut caller.data_mut().borrowed;
+            let handle = Some((table, given[0].unwrap_i32()));
+            match (borrowed.iter().rposition(|borrowed| *borrowed == handle), end) {
+                (Some(index), _) => {
+                    borrowed.remove(index);
+                }
+                (None, Some(end)) => end.call(caller, given, results)?,
+                (None, None) => {}
+            }
+            Ok(())
+        }))
     }
 }
 
