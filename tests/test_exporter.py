@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,22 @@ def test_a_binary_of_another_model_format_or_version_is_rejected(fmus, tmp_path)
         options = ["--binary", binary, "--out", tmp_path / "out"]
         assert expected in refusal(*arguments.split(), *options)
     assert not list((tmp_path / "out").iterdir()), "nothing is half-written"
+
+
+def test_exports_side_by_side_do_not_take_the_library_of_each_other(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = tmp_path / "cargo"  # Another cargo could build before this one has ended.
+    real = shutil.which("cargo")
+    slow.write_text(f'#!/bin/sh\n{real} "$@" || exit\n[ "$1" != rustc ] || sleep 2\n')
+    slow.chmod(0o755)
+    monkeypatch.setenv("CARGO", str(slow))
+    with ThreadPoolExecutor() as pool:
+        export = ["export", "Source", "--out", tmp_path, "--fmi"]
+        list(pool.map(lambda version: printed(*export, version, cwd=ROOT), ("2.0", "3.0")))
+    for version in ("2.0", "3.0"):
+        fmu = of(fmus, "Source", version)
+        assert (tmp_path / fmu.path.name).read_bytes() == fmu.path.read_bytes()
 
 
 @pytest.mark.parametrize("target", ["i686-unknown-linux-musl", "universal2-apple-darwin"])

@@ -1,6 +1,6 @@
 //! Builds the models of a workspace, and writes their FMUs.
 
-use std::fs;
+use std::fs::{self, File};
 use std::panic;
 use std::path::{Path, PathBuf};
 use std::ptr;
@@ -301,11 +301,14 @@ impl<'a> Builder<'a> {
         if let Some(variant) = variant {
             build.env("FMU_EXPORT_VARIANT", variant);
         }
-        let file = build
+        build
             .args(["--", NO_SLP])
             .args([remap(self.metadata.workspace_root.as_std_path(), "workspace")])
-            .args(recipe.compiler_args(&library.target))
-            .shared_library(&library.target, extension, self.progress)?;
+            .args(recipe.compiler_args(&library.target));
+        // Cargo copies the library to the same place for both versions of FMI and for variants, so another export
+        // must not build before it is read.
+        let _lock = lock(self.metadata.target_directory.as_std_path())?;
+        let file = build.shared_library(&library.target, extension, self.progress)?;
         fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
     }
 
@@ -457,6 +460,16 @@ use crate::component::encode as component;
 #[cfg(not(feature = "wasm"))]
 fn component(_: Vec<u8>, _: &[Description], _: Draft) -> Result<Vec<u8>> {
     bail!("this program was built without its feature `wasm`, which the target {TARGET_WASM} needs")
+}
+
+/// Locks a target folder against other exports until the file is closed. File systems without locks are used
+/// without, as by cargo.
+fn lock(target: &Path) -> Result<File> {
+    let path = target.join(".cargo-fmu-lock");
+    let file = fs::create_dir_all(target).and_then(|()| File::create(&path));
+    let file = file.with_context(|| format!("cannot create {}", path.display()))?;
+    let _ = file.lock();
+    Ok(file)
 }
 
 /// Checks that a binary has the names of the functions of a version of FMI.
