@@ -39,7 +39,7 @@ PLANTED = {
     ),
     "a late sample": (
         {ANGLE: f"{{ {TO_Y}, faults = [{{ delay = 0.001 }}] }}"},
-        "plant.theta -> controller.y: the value arrives 0.001 s (1 rows) late, expected 0 s",
+        "plant.theta -> controller.y: the value arrives 0.001 s late (rows: 1), expected 0 s",
     ),
     "noise": (
         {ANGLE: f"{{ {TO_Y}, faults = [{{ noise = 1e-6, start = 2 }}] }}"},
@@ -100,7 +100,7 @@ def test_compare_names_and_draws_the_first_planted_difference(fmus, tmp_path):
         f"theta differs at t = 0.2 s: {values[0]} in the reference, {values[1]} in the results; "
     )
     assert float(first.split()[-1]) == pytest.approx(1e-6 * run["theta"].max(), rel=1e-3)
-    assert second == f"2 of {len(run) - 1} variables differ: theta, x"
+    assert second == f"different: 2 of {len(run) - 1} variables: theta, x"
     assert compare(run, planted, absolute=1e-2).is_same
     lines = found.plot().axes[0].lines
     assert [line.get_ydata()[20] for line in lines[:2]] == list(values)
@@ -265,7 +265,7 @@ def test_margins_are_those_of_the_closed_form():
     assert abs(response) == pytest.approx(1)
     assert phase == pytest.approx(np.degrees(np.angle(-response)))
     two = dataclasses.replace(loop, B=np.zeros((3, 2)), inputs=("u", "d"))
-    with pytest.raises(ValueError, match="2 inputs and 1 outputs, expected one of each"):
+    with pytest.raises(ValueError, match="inputs: 2, outputs: 1, expected one of each"):
         two.margins()
 
 

@@ -360,7 +360,7 @@ def test_components_in_python_have_what_fmus_have():
 
 def test_what_does_not_fit_a_component_in_python_is_named(loop):
     for component, message in (
-        ({"step": lambda t, u: (u, u)}, "the function failed: it returned 2 values, expected 1"),
+        ({"step": lambda t, u: (u, u)}, "the function failed: values returned: 2, expected 1"),
         ({"step": lambda t, u: "far"}, "it returned far for f, expected a Float64"),
         ({"step": lambda t, u: None}, "TypeError: None is no number, Boolean, text or bytes"),
         ({"step": abs, "sample_time": 1e-4}, "sample_time = 0.0001 of actuator, expected at least"),

@@ -588,7 +588,7 @@ DEFECTS = {
     "EVENT_NEEDED": "eventHandlingNeeded is true after a step without event mode",
     "LAST_TIME": "lastSuccessfulTime is -1.000e-2 s off the end of a step of 0.01 s",
     "EARLY": "has ended early, at 0.005 s, though that is not allowed",
-    "INTERMEDIATE": "providesIntermediateUpdate is false, but the callback was called 5 times",
+    "INTERMEDIATE": "providesIntermediateUpdate is false; calls of the callback: 5, expected none",
     "SEED": "for the seed [2.0] is 2, expected 4",
     "ADJOINT": 'the adjoint derivative of "y" by "u" is -2, expected 2',
     "ADJOINT_SEED": 'the adjoint derivative of "y" by "u" is 1, expected 2',

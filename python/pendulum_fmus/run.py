@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> bool:
             write_csv(options.csv, results, ["s", *map(system.unit, system.outputs())])
     print(summary(results, options.signal))
     if options.csv:
-        print(f"wrote {options.csv}: {steps} rows")
+        print(f"wrote {options.csv}: {steps} row{'s' * (steps != 1)}")
     return True
 
 

@@ -155,6 +155,13 @@ fn tell(line: fmt::Arguments<'_>) {
     let _ = writeln!(anstream::stderr(), "{line}");
 }
 
+/// A number of things, such as `1 row` or `2 rows`.
+fn counted(number: impl ToString, what: &str) -> String {
+    let number = number.to_string();
+    let ending = if number == "1" { "" } else { "s" };
+    format!("{number} {what}{ending}")
+}
+
 /// The arguments without the name of the subcommand, which cargo repeats to an installed `cargo-fmu`.
 fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item = OsString> {
     all.enumerate()

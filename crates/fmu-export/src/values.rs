@@ -153,7 +153,7 @@ impl Component {
         let count = elements.len();
         ensure!(
             count == n,
-            "there are {n} values; expected {count}, the number of elements of the variables"
+            "values passed: {n}; expected {count}, the number of elements of the variables"
         );
         Ok(elements.into())
     }

@@ -120,7 +120,7 @@ impl Function {
             let computed = compute(time, inputs)?;
             let (given, expected) = (computed.len(), outputs.len());
             if given != expected {
-                return Err(format!("it returned {given} values, expected {expected}"));
+                return Err(format!("values returned: {given}, expected {expected}"));
             }
             let known = signature.outputs.iter().zip(outputs);
             known.zip(computed).try_for_each(|((argument, output), value)| {

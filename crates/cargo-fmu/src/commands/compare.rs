@@ -7,6 +7,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use fmu_master::table::{self, Tolerance};
 
+use crate::counted;
 use crate::plot::Page;
 
 /// The results to compare, and how exactly.
@@ -56,17 +57,17 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
     let differences = table::compare([&reference, &results], tolerance, holds);
     let differences =
         differences.with_context(|| format!("{} and {} cannot be compared", shown[0], shown[1]))?;
-    let variables = reference.len() - 1;
+    let variables = counted(reference.len() - 1, "variable");
     match differences.first() {
         None => {
-            let rows = reference[0].cells.len();
-            writeln!(out, "the same within the tolerance: {variables} variables, {rows} rows")?;
+            let rows = counted(reference[0].cells.len(), "row");
+            writeln!(out, "the same within the tolerance: {variables}, {rows}")?;
         }
         Some(first) => {
             writeln!(out, "{}", first.describe(&shown))?;
             let names = Vec::from_iter(differences.iter().map(|difference| &*difference.name));
             let (differing, names) = (names.len(), names.join(", "));
-            writeln!(out, "{differing} of {variables} variables differ: {names}")?;
+            writeln!(out, "different: {differing} of {variables}: {names}")?;
         }
     }
     let runs = Vec::from_iter(shown.into_iter().zip(files.map(PathBuf::as_path)));

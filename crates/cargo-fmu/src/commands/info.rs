@@ -14,6 +14,7 @@ use fmu_file::archive::{Archive, DOCUMENTATION, ICON, ICON_3, MODEL_DESCRIPTION,
 use fmu_file::platform;
 use fmu_file::text::{about, plain};
 
+use crate::counted;
 use crate::table::lines;
 
 /// Maximum width of a cell.
@@ -229,9 +230,9 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
     let lines: Vec<String> = lines.collect();
     let left_out = match model.variables.iter().filter(|v| v.is_none()).count() {
         0 => String::new(),
-        invalid => format!(", without {invalid} that are invalid"),
+        invalid => format!(", without {invalid} invalid"),
     };
-    section(&format!("{} variables{left_out}", rows.len() - 1), &lines, out)
+    section(&format!("{}{left_out}", counted(rows.len() - 1, "variable")), &lines, out)
 }
 
 fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {

@@ -20,6 +20,7 @@ use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::worker::{self, Limited};
+use crate::counted;
 use crate::plot::Page;
 use crate::session::{self, Session};
 use crate::style::WARNING;
@@ -107,7 +108,7 @@ pub fn supervise(
             warn(&finished.messages);
             report(out, &finished)?;
             if let (Some(rows), Some(path)) = (finished.rows, &args.csv) {
-                writeln!(out, "wrote {}: {rows} rows", path.display())?;
+                writeln!(out, "wrote {}: {}", path.display(), counted(rows, "row"))?;
             }
             if let Some(rows) = rows {
                 let mut runs = vec![("this run".to_owned(), rows)];

@@ -14,6 +14,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::simulate::stem;
 use super::worker::{self, Limited};
+use crate::counted;
 use crate::plot::Page;
 use crate::session::{self, Session};
 
@@ -106,7 +107,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
             false => write(&study, &workers, &file, out)?,
         };
         if let Some(runs) = runs {
-            writeln!(out, "wrote {}: {runs} rows", file.display())?;
+            writeln!(out, "wrote {}: {}", file.display(), counted(runs, "row"))?;
             args.page.draw_sweep(&stem(&args.sweep), &file, out)?;
         }
         runs.is_some()
@@ -155,24 +156,25 @@ fn write(
     let (runs, before, done) = (progress.runs, progress.before, progress.done);
     let file = file.display();
     if !is_complete {
-        let all = before + done;
+        let (all, runs) = (before + done, counted(runs, "run"));
         crate::tell(format_args!(
-            "interrupted; {all} of {runs} runs are in {file}.part; run the same command to resume"
+            "interrupted; {all} of {runs} are in {file}.part; run the same command to resume"
         ));
         return Ok(None);
     }
     let rate = done as f64 / elapsed;
-    writeln!(out, "{done} runs in {elapsed:.3} s: {rate:.0} a second")?;
+    let done = counted(done, "run");
+    writeln!(out, "{done} in {elapsed:.3} s: {rate:.0} a second")?;
     if before > 0 {
-        writeln!(out, "{before} runs were already done")?;
+        writeln!(out, "{} already done", counted(before, "run"))?;
     }
     if let Some((run, failure)) = progress.first_failure {
-        let failed = progress.failed;
-        writeln!(out, "{failed} runs failed, the first was run {run}: {failure}")?;
+        let failed = counted(progress.failed, "run");
+        writeln!(out, "{failed} failed, the first was run {run}: {failure}")?;
     }
     if let Some(first) = progress.first_diverged {
-        let diverged = progress.diverged;
-        writeln!(out, "{diverged} of {runs} runs diverged or failed, the first: {first}")?;
+        let (diverged, runs) = (progress.diverged, counted(runs, "run"));
+        writeln!(out, "{diverged} of {runs} diverged or failed, the first: {first}")?;
     }
     if let Some((iae, best)) = progress.best {
         writeln!(out, "smallest iae, {iae:.6e}: {best}")?;

@@ -8,6 +8,7 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use fmu_check::{Findings, Probes, Severity, format};
 
+use crate::counted;
 use crate::session;
 use crate::style::{ERROR, OK, WARNING};
 
@@ -108,8 +109,7 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
     }
     let count = |number: usize, what: &str| match number {
         0 => format!("no {what}"),
-        1 => format!("1 {what}"),
-        _ => format!("{number} {what}s"),
+        _ => counted(number, what),
     };
     let errors = count(findings.errors(), "error");
     let warnings = count(findings.warnings(), "warning");

@@ -391,7 +391,7 @@ impl Checker<'_> {
         if let Some(first) = Difference::first(&differences) {
             let others = match volatile.len() - 1 {
                 0 => String::new(),
-                more => format!("; so do {more} more variables"),
+                more => format!("; other variables that do: {more}"),
             };
             let text = format!("two equal runs differ: {}{others}", first.text);
             self.add(rule!("reproducible"), text);
@@ -573,7 +573,8 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
         let names: Vec<_> = names.collect();
         if !names.is_empty() {
             let (count, names) = (files.len(), names.join(", "));
-            let text = format!("{count} files were written to {place}: {names}; expected none");
+            let text =
+                format!("files written to {place}: {names} ({count} in total), expected none");
             findings.add(rule!("files"), "binaries", text);
         }
     }

@@ -295,7 +295,7 @@ fn invalid_directions_and_what_has_no_derivatives_are_refused() {
         assert_eq!(result, [7.0; 2]);
         for n in [0, 2].into_iter().filter(|_| kind.0 == Fmi3) {
             let (of, by, seed) = ([Ball::ENERGY], [Ball::DRIVE], &mut [1.0; 2][..n]);
-            let words = format!("there are {n} values; expected 1");
+            let words = format!("values passed: {n}; expected 1");
             it.refuses(&words, |f| f.directional(&of, &by, seed, &mut [0.0]));
             it.refuses(&words, |f| f.directional(&of, &by, &[1.0], seed));
             it.refuses(&words, |f| f.adjoint(&of, &by, &[1.0], seed));
@@ -345,5 +345,5 @@ fn a_derivative_between_steps_changes_nothing_and_is_never_discarded() {
     }
     let three = Instance::running(PLAIN[1], BALL);
     let call = |f: Fmu| f.get_output_derivatives(&[Ball::V], &[1], &mut [0.0; 2]);
-    three.refuses("there are 2 values; expected 1", call);
+    three.refuses("values passed: 2; expected 1", call);
 }

@@ -302,7 +302,7 @@ fn arrays_are_accessed_with_all_their_elements_in_row_major_order() {
         let (status, parts) = it.get_all(Type::Float64, &[VECTOR, U], 4);
         assert_eq!((status, parts), (OK, vec![6.0, 7.0, -8.0, 5.0]));
         for (n, (of, expected)) in pairs(&[0, 2, 4], &[(VECTOR, 3), (U, 1)]) {
-            let words = format!("there are {n} values; expected {expected}");
+            let words = format!("values passed: {n}; expected {expected}");
             let values = &mut [9.0; 4][..n];
             it.refuses(&words, |f| f.set_f64(&[of], values));
             it.refuses(&words, |f| f.get_f64(&[of], values));
@@ -449,7 +449,7 @@ fn sizes_of_arrays_are_set_in_configuration_mode() {
         it.start(0.0, None);
         assert_eq!(gains(3), [1.0, 2.0, 4.0]);
         assert_eq!(it.get([Sampled::GAIN]), [7.0]);
-        let words = "there are 2 values; expected 3";
+        let words = "values passed: 2; expected 3";
         it.refuses(words, |f| f.set_f64(&[Sampled::GAINS], &[1.0; 2]));
 
         // While the simulation runs, those that are tunable.
@@ -459,7 +459,7 @@ fn sizes_of_arrays_are_set_in_configuration_mode() {
         it.refuses("one gain is not enough", Fmu::exit_configuration_mode);
         assert_eq!(it.set_u64(&[Sampled::N], &[2]), OK);
         assert_eq!(it.exit_configuration_mode(), OK);
-        let words = "there are 3 values; expected 2";
+        let words = "values passed: 3; expected 2";
         it.refuses(words, |f| f.get_f64(&[Sampled::GAINS], &mut [0.0; 3]));
         assert_eq!(it.read(Type::Int32, [Sampled::CHANGES]), [1.0]);
         match kind.1 {

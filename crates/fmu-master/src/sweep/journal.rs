@@ -178,7 +178,7 @@ impl Journal {
         let missing = self.runs - rows.len() as u64;
         ensure!(
             missing == 0,
-            "{}: {missing} of {} runs are missing, the first is {}",
+            "{}: missing runs: {missing} of {}, the first is {}",
             self.path.display(),
             self.runs,
             (0..self.runs).find(|index| !rows.contains_key(index)).unwrap_or_default()
@@ -329,7 +329,7 @@ mod tests {
         let used = "a.csv.part is in use by another process: wait for it, or give another --out";
         assert!(open(&output).unwrap_err().ends_with(used));
         let error = journal.finish(|_| ()).unwrap_err().to_string();
-        assert!(error.ends_with("a.csv.part: 2 of 4 runs are missing, the first is 1"));
+        assert!(error.ends_with("a.csv.part: missing runs: 2 of 4, the first is 1"));
 
         let mut journal = open(&output).unwrap();
         assert_eq!(journal.missing(), [(1, 2), (3, 4)]);

@@ -80,7 +80,7 @@ def compute(
             first, end = futures[future]
             bar.update(end - first)
     seconds = time.monotonic() - begin
-    print(f"{left} runs in {seconds:.3f} s: {left / seconds:.0f} a second")
+    print(f"{left} run{'s' * (left != 1)} in {seconds:.3f} s: {left / seconds:.0f} a second")
 
 
 def distribute(

@@ -57,7 +57,7 @@ class Comparison:
             return "the same within the tolerance"
         text, count = self.differences[0].text, len(self.reference) - 1
         names = ", ".join(difference.name for difference in self.differences)
-        return f"{text}\n{len(self.differences)} of {count} variables differ: {names}"
+        return f"{text}\ndifferent: {len(self.differences)} of {count} variables: {names}"
 
     def plot(self) -> Figure:
         """Draw the variables that differ over the time [s], each with its first difference.

@@ -103,8 +103,7 @@ class Linear:
 
         if (len(self.inputs), len(self.outputs)) != (1, 1):
             raise ValueError(
-                f"the model has {len(self.inputs)} inputs and {len(self.outputs)} outputs, "
-                "expected one of each"
+                f"inputs: {len(self.inputs)}, outputs: {len(self.outputs)}, expected one of each"
             )
         gain, phase, at_180, at_1 = map(float, control.margin(self.to_control()))
         return gain, phase, at_180, at_1

@@ -127,8 +127,9 @@ class Result(Mapping[str, np.ndarray]):
 
     def __repr__(self) -> str:
         time = self["time"]
-        span = f"t = {time[0]:g} to {time[-1]:g} s" if len(time) else "no rows"
-        return f"<Result: {len(time)} rows, {span}: {', '.join(self)}>"
+        rows = f"{len(time)} row{'s' * (len(time) != 1)}"
+        span = f", t = {time[0]:g} to {time[-1]:g} s" if len(time) else ""
+        return f"<Result: {rows}{span}: {', '.join(self)}>"
 
     @property
     def summary(self) -> dict[str, dict[str, float]]:

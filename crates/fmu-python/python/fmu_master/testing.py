@@ -57,7 +57,7 @@ def assert_carries(
                 faults.append(f"{fault}: {found:.6g}, expected {gain:.6g}")
             if late != rows:
                 faults.append(
-                    f"the value arrives {time[late] - time[0]:.6g} s ({late} rows) late, "
+                    f"the value arrives {time[late] - time[0]:.6g} s late (rows: {late}), "
                     f"expected {time[rows] - time[0]:.6g} s"
                 )
             raise AssertionError(f"{path}: {' and '.join(faults)}")

@@ -305,16 +305,16 @@ pub fn logging(subject: &Subject<'_>) -> Result<()> {
     sleep(Duration::from_millis(20));
     let (logged, stray) = (*lock(&subject.logged), stray_messages());
     check!(subject, "logging-off": chatty == 0,
-        "{chatty} messages with status fmi2OK were logged in a run without logging, expected none");
+        "messages with status fmi2OK in a run without logging: {chatty}, expected none");
     check!(subject, "log-category": logged.uncategorized == 0,
-        "{} messages were logged with NULL for the category, expected a category", logged.uncategorized);
+        "messages with NULL for the category: {}, expected none", logged.uncategorized);
     check!(subject, "log-category-declared": logged.undeclared == 0,
-        "{} messages were logged with a category that LogCategories does not list", logged.undeclared);
+        "messages with a category that LogCategories does not list: {}, expected none", logged.undeclared);
     check!(subject, "log-category": logged.invalid == 0,
-        "{} messages were logged with a status that is not an fmi2Status", logged.invalid);
+        "messages with a status that is not an fmi2Status: {}, expected none", logged.invalid);
     check!(subject, "log-environment": stray == 0,
-        "{stray} messages were logged with another component environment than an instance's, or \
-         after the instance was freed");
+        "messages with another component environment than an instance's, or after the instance was \
+         freed: {stray}, expected none");
     Ok(())
 }
 
@@ -333,7 +333,7 @@ pub fn debug_logging(subject: &Subject<'_>) -> Result<()> {
     drop(run);
     let logged = lock(&subject.logged).ok - before;
     check!(subject, "logging-off": logged == 0,
-        "{logged} messages with status fmi2OK were logged after fmi2SetDebugLogging(false), expected none");
+        "messages with status fmi2OK after fmi2SetDebugLogging(false): {logged}, expected none");
     let mut run = Run::begin(subject, subject.setup())?;
     subject.report.stage("with an unknown category");
     names.push(CString::from(c"no such category"));

@@ -280,7 +280,7 @@ pub fn flags(subject: &Subject<'_>) -> Result<()> {
     run_with(subject, |s| (s.event_mode, s.early_return) = (event_mode, true))?;
     let updates = subject.updates.load(Relaxed);
     check!(subject, "intermediate-update-flag": updates == 0 || subject.claims(PROVIDES),
-        "{PROVIDES} is false, but the callback was called {updates} times");
+        "{PROVIDES} is false; calls of the callback: {updates}, expected none");
     Ok(())
 }
 
