@@ -167,6 +167,7 @@ def test_an_fmu_of_ones_own_runs_and_a_broken_one_is_reported(page, tmp_path):
 
     drop("Pid_fmi3.fmu", (WASM / "Pid_fmi3.fmu").read_bytes())
     page.wait_for_function("loops.some((loop) => loop.name === 'Pid (yours)')")
+    assert page.evaluate("pushes.length") == 1
     # Without the input d, the disturbance is in what is measured.
     page.evaluate("delete fmus['Pid (yours)'].variables.d; settings.d = 1; restart(); advance(100)")
     own, other = page.evaluate(

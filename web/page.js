@@ -6,7 +6,7 @@ const SPAN = 8; // seconds in a plot
 const PUSH = 0.1; // duration of a push in seconds
 const COLOURS = { Pid: "#2a78d6", PidRbf: "#e0622b", IpidRbf: "#1f9e6e" };
 const LABELS = { Pid: "PID", PidRbf: "PID-RBF", IpidRbf: "IPID-RBF" };
-const OWN = "#9a5fd1";
+const OWN = ["#a08000", "#c2407e", "#4f7f8f", "#9a5fd1"]; // of dropped FMUs
 const element = (id) => document.getElementById(id);
 const degrees = (radians) => (radians * 180) / Math.PI;
 const radians = (degrees) => (degrees * Math.PI) / 180;
@@ -58,7 +58,7 @@ function tune(controller) {
 class Loop {
   constructor(name) {
     this.name = name;
-    this.colour = COLOURS[name] ?? OWN;
+    this.colour = COLOURS[name];
     this.plant = newPlant();
     this.controller = new Instance(fmus[name], tune);
     this.measured = [];
@@ -324,7 +324,8 @@ function addController(name) {
   const box = label.querySelector("input");
   box.id = `on-${name}`;
   box.checked = settings.on.split(",").includes(name);
-  label.querySelector(".key").style.background = COLOURS[name] ?? OWN;
+  COLOURS[name] ??= OWN[Object.keys(COLOURS).length % OWN.length];
+  label.querySelector(".key").style.background = COLOURS[name];
   label.append(LABELS[name] ?? name);
   box.onchange = () => {
     const all = document.querySelectorAll("#controllers input:checked");
@@ -342,11 +343,12 @@ async function take(file) {
     for (const [name, causality] of [["r", "input"], ["y", "input"], ["u", "output"]]) {
       if (fmu.variables[name]?.causality !== causality) throw new Error(`it has no ${causality} ${name}`);
     }
-    const name = fmu.name in COLOURS ? `${fmu.name} (yours)` : fmu.name;
+    const name = fmu.name in LABELS ? `${fmu.name} (yours)` : fmu.name;
     fmus[name] = fmu;
     const box = element(`on-${name}`) ?? addController(name);
     box.checked = true;
     box.onchange();
+    shove(settings.push);
     if (loops.some((loop) => loop.name === name)) say(`${name} runs.`);
   } catch (error) {
     say(`${file.name} cannot be used: ${error.message}`, true);
