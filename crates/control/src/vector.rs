@@ -1,7 +1,9 @@
 //! Loops over the nodes of a network. A loop over many nodes uses the longest vectors that the processor
 //! has, which is found out at run time. Their length does not change the bits.
 
+#[cfg(not(target_arch = "wasm32"))]
 use core::hint::black_box;
+use core::ops::Range;
 
 use multiversion::multiversion;
 
@@ -16,14 +18,27 @@ const FEW: usize = 16;
 /// The number of partial sums of a scalar product.
 const LANES: usize = 8;
 
-/// Calls a loop with the paper's number of nodes, of which the compiler knows that it is at most [`PAPER`] and a
+/// Calls a loop for the paper's number of nodes, of which the compiler knows that it is at most [`PAPER`] and a
 /// multiple of it. It makes single operations of a loop with few iterations if it knows their number, and vectors else.
+#[cfg(not(target_arch = "wasm32"))]
 #[inline(always)]
-fn in_one_vector(each: impl FnOnce(usize)) {
+fn in_one_vector(mut each: impl FnMut(Range<usize>)) {
     let n = black_box(1) * PAPER;
     if n <= PAPER {
-        each(n);
+        each(0..n);
     }
+}
+
+/// Calls a loop for each of the paper's number of nodes. A component is optimized for size, so that its loops would stay,
+/// and hosts check in each iteration whether the time is over.
+#[cfg(target_arch = "wasm32")]
+#[inline(always)]
+fn in_one_vector(mut each: impl FnMut(Range<usize>)) {
+    const { assert!(PAPER == 4) };
+    each(0..1);
+    each(1..2);
+    each(2..3);
+    each(3..4);
 }
 
 /// Sets `values[j]` to exp(factor_j (x - centre_j)^2), where all factors are negative.
@@ -34,7 +49,9 @@ pub(crate) fn gaussians(values: &mut [f64], x: f64, centres: &[f64], factors: &[
         <&[f64; PAPER]>::try_from(centres),
         <&[f64; PAPER]>::try_from(factors),
     ) {
-        in_one_vector(|n| each_gaussian(&mut values[..n], x, &centres[..n], &factors[..n]));
+        in_one_vector(|nodes| {
+            each_gaussian(&mut values[nodes.clone()], x, &centres[nodes.clone()], &factors[nodes]);
+        });
     } else if values.len() > FEW {
         many_gaussians(values, x, centres, factors);
     } else {
@@ -64,7 +81,9 @@ fn each_gaussian(values: &mut [f64], x: f64, centres: &[f64], factors: &[f64]) {
 #[inline(always)]
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     if let (Ok(a), Ok(b)) = (<&[f64; PAPER]>::try_from(a), <&[f64; PAPER]>::try_from(b)) {
-        dot_few(a, b)
+        // As below, where the other sums are neutral.
+        let product = |j: usize| a[j] * b[j];
+        (product(0) + product(2)) + (product(1) + product(3))
     } else if a.len() > FEW {
         dot_many(a, b)
     } else {
@@ -110,9 +129,9 @@ pub(crate) fn learn(
         <&mut [f64; PAPER]>::try_from(&mut *before),
         <&[f64; PAPER]>::try_from(direction),
     ) {
-        in_one_vector(|n| {
-            let (weights, before) = (&mut weights[..n], &mut before[..n]);
-            learn_few(weights, before, &direction[..n], gradient, rate, momentum);
+        in_one_vector(|nodes| {
+            let (weights, before) = (&mut weights[nodes.clone()], &mut before[nodes.clone()]);
+            learn_few(weights, before, &direction[nodes], gradient, rate, momentum);
         });
     } else if weights.len() > FEW {
         learn_many(weights, before, direction, gradient, rate, momentum);
