@@ -2,7 +2,6 @@
 
 import contextlib
 import fcntl
-import json
 import os
 import re
 import signal
@@ -14,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import sweeps
-from native import printed
+from native import printed, run
 from pendulum_fmus.project import PROGRAM
 from sweeps import SHORT, done, expected, journal_of, local, wait_until
 
@@ -64,10 +63,10 @@ def sweep(program, tmp_path) -> Path:
 
 def test_finished_runs_are_not_repeated_and_a_killed_worker_loses_no_rows(sweep, tmp_path):
     out, killed = tmp_path / "out.csv", tmp_path / "killed"
-    header = json.loads(printed("sweep", sweep, "--plan"))["header"]
     rows = [printed("sweep", sweep, "--rows", runs) for runs in ("31..32", "3..5", "0..1", "9..10")]
-    torn = rows[1][:20]
-    journal_of(out).write_text(header + "".join(rows) + torn)
+    run("sweep", sweep, "--out", out, "--collect", input="".join(rows))
+    with journal_of(out).open("a") as journal:
+        journal.write(rows[1][:20])  # torn
     once = acting(tmp_path, f"mkdir {killed} 2>/dev/null && kill -9 $PPID && sleep 20")
     said = distributed(sweep, out, "--program", once)
     assert killed.exists()

@@ -107,7 +107,6 @@ fn stable(text: &str, folder: &Path) -> String {
     let hidden = [
         (r" in [0-9.]+ m?s: [0-9.]+ (times real time|a second)", " in [TIME]"),
         (r"[0-9]+ KB", "[SIZE] KB"),
-        (r"# sweep [0-9a-f]{32}", "# sweep [DIGEST]"),
         (r"/[^ ]*/fmu-[^/]*/", "[UNPACKED]/"),
         (r#" at path "[^"]*""#, ""),
         (r#""[^"]*/crates/fmu-export""#, "\"[CHECKOUT]/crates/fmu-export\""),

@@ -42,12 +42,9 @@ pub struct SweepArgs {
     /// sweep
     #[arg(long, value_name = "FIRST..END", conflicts_with_all = ["out", "file"], value_parser = runs)]
     rows: Option<Range<u64>>,
-    /// Print the plan as JSON; used by the coordinator of a distributed sweep
-    #[arg(long, conflicts_with_all = ["out", "file", "rows"])]
-    plan: bool,
     /// Print the plan and the runs that are missing as JSON, and read their rows from standard input; used by
     /// the coordinator of a distributed sweep
-    #[arg(long, hide = true, conflicts_with_all = ["file", "rows", "plan"])]
+    #[arg(long, hide = true, conflicts_with_all = ["file", "rows"])]
     collect: bool,
     #[command(flatten)]
     limited: Limited,
@@ -94,10 +91,6 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         study.rows(runs.clone(), &workers, |line| {
             Ok(io::stdout().lock().write_all(line.as_bytes())?)
         })?
-    } else if args.plan {
-        let outline = serde_json::to_string(&study.outline(&workers)?)?;
-        writeln!(out, "{outline}")?;
-        true
     } else {
         let by_default =
             || Path::new(args.sweep.file_stem().unwrap_or_default()).with_extension("csv");

@@ -55,15 +55,14 @@ pub struct Journal {
 
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 
-/// The first two lines of a journal. The fingerprint is a hexadecimal digest of everything that the rows
-/// depend on.
-pub fn header(fingerprint: &str, columns: &[Column]) -> String {
+/// The first two lines of a journal.
+fn header(fingerprint: &str, columns: &[Column]) -> String {
     format!("# sweep {fingerprint}\n{}", table::header(columns))
 }
 
 impl Journal {
     /// Opens or creates the journal of the table `output`, whose first column is the index of the run;
-    /// `runs` is their number. See [`header`] about the fingerprint.
+    /// `runs` is their number. The fingerprint is a hexadecimal digest of everything that the rows depend on.
     ///
     /// # Errors
     /// The output is not named `.csv` or `.parquet`; the journal cannot be read or written, is locked by

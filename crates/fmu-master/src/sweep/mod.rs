@@ -15,7 +15,7 @@ mod parameters;
 mod pool;
 mod study;
 
-pub use journal::{Journal, header};
+pub use journal::Journal;
 pub use metrics::{Metrics, Options, Sample, Summary};
 pub use parameters::{Parameter, Parameters};
 pub use pool::Workers;

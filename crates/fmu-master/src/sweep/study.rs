@@ -12,7 +12,7 @@ use fmu_description::{Type, Value};
 use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
-use super::journal::{self, Journal};
+use super::journal::Journal;
 use super::metrics::{Metrics, Options, Sample, Summary};
 use super::parameters::{Parameter, Parameters};
 use super::pool::{Outcome, Pool, Workers};
@@ -83,8 +83,6 @@ pub struct Study {
 pub struct Outline<'a> {
     /// Number of runs.
     pub runs: u64,
-    /// Header of the journal.
-    pub header: String,
     /// The system file.
     pub system: &'a Path,
     /// Its FMUs.
@@ -454,7 +452,7 @@ impl Study {
     /// all rows to `file` and returns true, unless some are missing.
     ///
     /// # Errors
-    /// As [`Study::outline`] and [`Study::write`]; or a line is no row.
+    /// As [`Study::write`]; or a line is no row.
     pub fn collect(
         &self,
         file: &Path,
@@ -462,7 +460,9 @@ impl Study {
         begin: impl FnOnce(&Outline<'_>, &[(u64, u64)]) -> Result<()>,
         mut lines: impl BufRead,
     ) -> Result<bool> {
-        let outline = self.outline(workers)?;
+        self.try_corners(&mut self.pool(workers))?;
+        let runs = self.parameters.runs;
+        let outline = Outline { runs, system: &self.files[0], fmus: &self.files[1..] };
         let mut journal = self.journal(file)?;
         begin(&outline, &journal.missing())?;
         let mut line = String::new();
@@ -474,24 +474,10 @@ impl Study {
         let missing = journal.missing();
         match missing[..] {
             [] => journal.finish(|_| ())?,
-            [(0, end)] if end == self.parameters.runs => journal.remove()?,
+            [(0, end)] if end == runs => journal.remove()?,
             _ => journal.keep()?,
         }
         Ok(missing.is_empty())
-    }
-
-    /// The information that the coordinator of a distributed sweep needs, after the extreme values were tried.
-    ///
-    /// # Errors
-    /// A value is rejected, or the FMUs crash at every value.
-    pub fn outline(&self, workers: &Workers<'_>) -> Result<Outline<'_>> {
-        self.try_corners(&mut self.pool(workers))?;
-        Ok(Outline {
-            runs: self.parameters.runs,
-            header: journal::header(&self.fingerprint, &self.columns),
-            system: &self.files[0],
-            fmus: &self.files[1..],
-        })
     }
 }
 
