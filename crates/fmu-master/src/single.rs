@@ -201,20 +201,24 @@ impl Single {
         if !self.runs && !matches!(ask, Ask::Initialize(_)) {
             bail!("{} is not initialized", self.planned.name);
         }
-        let called = match ask {
-            Ask::Initialize(starts) => self.initialize(starts),
-            Ask::Step(step) => self.step(*step),
+        match ask {
+            Ask::Initialize(starts) => {
+                let called = self.initialize(starts);
+                self.told(called)?;
+            }
+            Ask::Step(step) => {
+                let called = self.step(*step);
+                self.told(called)?;
+            }
             Ask::Get(scalars) => return self.get(scalars).map(Answer::Values),
-            Ask::Set(values) => return self.set(values),
+            Ask::Set(values) => self.set(values)?,
             Ask::Save => return self.save().map(Answer::Saved),
-            Ask::Restore(number) => return self.restore(*number),
-            Ask::Forget(number) => match self.saved.remove(number) {
-                None => Ok(()),
-                Some(Saved { state, .. }) => {
-                    (self.component)
-                        .call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state))
+            Ask::Restore(number) => self.restore(*number)?,
+            Ask::Forget(number) => {
+                if let Some(Saved { state, .. }) = self.saved.remove(number) {
+                    self.call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state))?;
                 }
-            },
+            }
             Ask::States => {
                 return self.numbers("get_continuous_states", Instance::get_continuous_states);
             }
@@ -227,24 +231,30 @@ impl Single {
             Ask::SetStates(states) => {
                 let count = self.states()?;
                 ensure!(states.len() == count, "{} states, expected {count}", states.len());
-                (self.component).call("set_continuous_states", "continuous states", |instance| {
+                self.call("set_continuous_states", "continuous states", |instance| {
                     instance.set_continuous_states(states)
-                })
+                })?;
             }
             Ask::Directional(unknowns, knowns, seed) => {
-                let [unknowns, knowns] = [unknowns, knowns].map(|all| self.references(all));
-                let (unknowns, knowns) = (unknowns?, knowns?);
+                let (unknowns, knowns) = (self.references(unknowns)?, self.references(knowns)?);
                 let mut values = vec![0.0; unknowns.len()];
-                let operation = "get_directional_derivative";
-                let called = self.component.call(operation, "directional derivative", |i| {
-                    i.get_directional_derivative(&unknowns, &knowns, seed, &mut values)
-                });
-                self.told(called)?;
+                self.call("get_directional_derivative", "directional derivative", |instance| {
+                    instance.get_directional_derivative(&unknowns, &knowns, seed, &mut values)
+                })?;
                 return Ok(Answer::Numbers(values));
             }
-        };
-        self.told(called)?;
+        }
         Ok(Answer::Time(self.time))
+    }
+
+    fn call(
+        &mut self,
+        operation: &str,
+        what: impl Display,
+        call: impl FnOnce(&mut Instance) -> fmu_host::Result,
+    ) -> Result<()> {
+        let called = self.component.call(operation, what, call);
+        self.told(called)
     }
 
     /// Adds the time to a failure.
@@ -288,41 +298,29 @@ impl Single {
             let (variable, kind) = (fmu.variable(scalar), fmu.access(scalar));
             if got.replace(variable.reference) != Some(variable.reference) || variable.count() == 1
             {
-                array = vec![Value::Boolean(false); variable.count()];
-                let reference = [variable.reference];
-                let called = match (kind, array.as_mut_slice()) {
-                    // The usual case needs no conversion.
-                    (Type::Float64, [value]) => {
-                        let mut number = [0.0];
-                        let called = self.call("get", kind, &variable.name, |instance| {
-                            instance.get_float64(&reference, &mut number)
-                        });
-                        *value = Value::Float64(number[0]);
-                        called
-                    }
-                    (_, array) => self.call("get", kind, &variable.name, |instance| {
-                        instance.get_values(kind, &reference, array)
-                    }),
+                let empty = match kind {
+                    Type::Float64 => Value::Float64(0.0),
+                    _ => Value::Boolean(false),
                 };
-                self.told(called)?;
+                array = vec![empty; variable.count()];
+                let reference = [variable.reference];
+                self.call(&operation("get", kind), &variable.name, |instance| {
+                    match array.as_mut_slice() {
+                        // The usual case needs no conversion.
+                        [Value::Float64(number)] => {
+                            instance.get_float64(&reference, std::slice::from_mut(number))
+                        }
+                        array => instance.get_values(kind, &reference, array),
+                    }
+                })?;
             }
             values.push(array[fmu.scalars[scalar].element].clone());
         }
         Ok(values)
     }
 
-    fn call(
-        &mut self,
-        verb: &str,
-        kind: Type,
-        what: impl Display,
-        call: impl FnOnce(&mut Instance) -> fmu_host::Result,
-    ) -> Called {
-        self.component.call(&operation(verb, kind), what, call)
-    }
-
     /// Sets values; of an array of which some elements are given, the others stay.
-    fn set(&mut self, values: &[(usize, Value)]) -> Result<Answer> {
+    fn set(&mut self, values: &[(usize, Value)]) -> Result<()> {
         let fmu = self.planned.fmu.clone();
         for given in values.chunk_by(|(a, _), (b, _)| fmu.array(*a) == fmu.array(*b)) {
             let scalar = given[0].0;
@@ -338,30 +336,29 @@ impl Single {
             let set = |instance: &mut Instance| instance.set_values(kind, &reference, &array);
             let waits = variable.causality == Causality::Input
                 && variable.variability != Variability::Continuous;
-            let called = match self.component.exchange.take() {
+            match self.component.exchange.take() {
                 Some(mut exchange) if waits || variable.is_parameter() => {
                     let event = exchange.at_event(&mut self.component.calling(), self.time, set);
                     self.component.exchange = Some(exchange);
                     let what = variable.name.clone();
-                    event.map_err(|trouble| self.component.troubled(trouble, what))
+                    let event = event.map_err(|trouble| self.component.troubled(trouble, what));
+                    self.told(event)?;
                 }
                 exchange => {
                     self.component.exchange = exchange;
-                    self.call("set", kind, Assigned(&variable.name, &array), set)
+                    self.call(&operation("set", kind), Assigned(&variable.name, &array), set)?;
                 }
-            };
-            self.told(called)?;
+            }
         }
-        Ok(Answer::Time(self.time))
+        Ok(())
     }
 
     fn save(&mut self) -> Result<u64> {
         let mut state = None;
-        let called = self.component.call("get_fmu_state", "saving the state", |instance| {
+        self.call("get_fmu_state", "saving the state", |instance| {
             state = Some(instance.get_fmu_state()?);
             Ok(fmu_host::Success::Ok)
-        });
-        self.told(called)?;
+        })?;
         let state = state.context("the FMU has no state")?;
         let exchange = self.component.exchange.clone();
         self.next += 1;
@@ -369,7 +366,7 @@ impl Single {
         Ok(self.next)
     }
 
-    fn restore(&mut self, number: u64) -> Result<Answer> {
+    fn restore(&mut self, number: u64) -> Result<()> {
         let saved = self.saved.get(&number).context("there is no such state")?;
         let (time, exchange) = (saved.time, saved.exchange.clone());
         let called = self.component.call("set_fmu_state", "restoring a state", |instance| {
@@ -379,7 +376,7 @@ impl Single {
         self.time = time;
         self.component.exchange = exchange;
         self.messages.record().at(self.time);
-        Ok(Answer::Time(time))
+        Ok(())
     }
 
     /// The number of continuous states.
@@ -397,8 +394,7 @@ impl Single {
     ) -> Result<Answer> {
         let mut numbers = vec![0.0; self.states()?];
         if !numbers.is_empty() {
-            let called = self.component.call(operation, "", |i| get(i, &mut numbers));
-            self.told(called)?;
+            self.call(operation, "", |i| get(i, &mut numbers))?;
         }
         Ok(Answer::Numbers(numbers))
     }
@@ -421,12 +417,10 @@ impl Drop for Single {
     fn drop(&mut self) {
         for Saved { state, .. } in std::mem::take(&mut self.saved).into_values() {
             // The instance is freed in any case.
-            let _ = self
-                .component
-                .call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state));
+            let _ = self.call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state));
         }
         if self.runs && self.is_sound {
-            let _ = self.component.call("terminate", "end", Instance::terminate);
+            let _ = self.call("terminate", "end", Instance::terminate);
         }
     }
 }
