@@ -51,41 +51,34 @@ pub(crate) struct Calling<'a> {
     pub(crate) version: FmiVersion,
 }
 
-/// What is called.
-#[derive(Clone, Copy)]
-enum Operation {
-    NumberOfStates,
-    NumberOfIndicators,
-    Nominals,
-    SetTime,
-    SetStates,
-    States,
-    Derivatives,
-    Indicators,
-    Completed,
-    EventMode,
-    Update,
-    ContinuousMode,
+/// Defines what is called, and the names of the functions.
+macro_rules! operations {
+    ($($operation:ident: $name:literal,)*) => {
+        /// What is called.
+        #[derive(Clone, Copy)]
+        enum Operation { $($operation,)* }
+
+        /// The names of the functions that perform each [`Operation`], in the same order.
+        pub(crate) const OPERATIONS: [&str; [$($name),*].len()] = [$($name),*];
+    };
+}
+operations! {
+    NumberOfStates: "get_number_of_continuous_states",
+    NumberOfIndicators: "get_number_of_event_indicators",
+    Nominals: "get_nominals_of_continuous_states",
+    SetTime: "set_time",
+    SetStates: "set_continuous_states",
+    States: "get_continuous_states",
+    Derivatives: "get_continuous_state_derivatives",
+    Indicators: "get_event_indicators",
+    Completed: "completed_integrator_step",
+    EventMode: "enter_event_mode",
+    Update: "update_discrete_states",
+    ContinuousMode: "enter_continuous_time_mode",
 }
 
 /// The functions of a version that perform each [`Operation`].
 pub(crate) type Functions = [Option<Function>; OPERATIONS.len()];
-
-/// Their names, in the same order.
-pub(crate) const OPERATIONS: [&str; 12] = [
-    "get_number_of_continuous_states",
-    "get_number_of_event_indicators",
-    "get_nominals_of_continuous_states",
-    "set_time",
-    "set_continuous_states",
-    "get_continuous_states",
-    "get_continuous_state_derivatives",
-    "get_event_indicators",
-    "completed_integrator_step",
-    "enter_event_mode",
-    "update_discrete_states",
-    "enter_continuous_time_mode",
-];
 
 /// The functions of a version, which are looked up once, as a sweep instantiates FMUs again and again.
 pub(crate) fn functions(version: FmiVersion) -> &'static Functions {
