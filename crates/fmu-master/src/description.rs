@@ -16,7 +16,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::Function;
 use crate::fault::{Amount, Fault};
-use crate::fmu::default_experiment;
+use crate::fmu::Declared;
 use crate::ssp::{self, Source};
 
 /// A system of coupled FMUs.
@@ -377,7 +377,9 @@ impl Description {
     /// # Errors
     /// The file cannot be read or is not an FMU.
     pub fn of_fmu(file: &Path) -> Result<Self> {
-        let [start, stop, step] = default_experiment(file)?;
+        let declared = Declared::read(file);
+        let declared = declared.with_context(|| format!("{} cannot be used", file.display()))?;
+        let [start, stop, step] = declared.experiment;
         let start = start.unwrap_or(0.0);
         let stop = stop.unwrap_or(start + 1.0);
         Ok(Self {

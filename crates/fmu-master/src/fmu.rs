@@ -372,16 +372,30 @@ fn resize(root: &mut Element<'_>, sizes: &Sizes) {
 /// Maximum number of scalar variables and elements of arrays; more are assumed to be a mistake.
 const MAX_VARIABLES: usize = 1 << 20;
 
-/// The start time, stop time and step size (s) of an FMU's default experiment, if it has them.
-pub(crate) fn default_experiment(path: &Path) -> Result<[Option<f64>; 3]> {
-    let read = || {
+/// What an FMU declares, as far as it matters before it is loaded.
+pub(crate) struct Declared {
+    /// The start time, stop time and step size (s) of its default experiment, if it has them.
+    pub(crate) experiment: [Option<f64>; 3],
+    /// The units of variables by their names.
+    pub(crate) variables: HashMap<String, Option<String>>,
+    pub(crate) units: Units,
+}
+
+impl Declared {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let text = Archive::open_sound(path)?.model_description()?;
         let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
         let model = ModelDescription::read(&root)?;
-        Ok(["startTime", "stopTime", "stepSize"].map(|name| model.experiment(name)))
-    };
-    let read: Result<_> = read();
-    read.with_context(|| format!("{} cannot be used", path.display()))
+        let named = model.variables().flat_map(|(_, v)| {
+            let names = [v.name.as_str()].into_iter().chain(v.aliases());
+            names.map(|name| (name.to_owned(), v.unit.clone()))
+        });
+        Ok(Self {
+            experiment: ["startTime", "stopTime", "stepSize"].map(|name| model.experiment(name)),
+            variables: named.collect(),
+            units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
+        })
+    }
 }
 
 /// How the master runs the FMU, and the element of this interface: as wanted, by default co-simulation if the FMU

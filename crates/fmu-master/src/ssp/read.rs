@@ -87,7 +87,8 @@ fn describe(opened: &mut Vec<Files>) -> Result<Description> {
     let time = |name| root.child(EXPERIMENT).and_then(|experiment| experiment.real(name));
     let start = time("startTime").unwrap_or(0.0);
     let stop = time("stopTime").unwrap_or(start + 1.0);
-    let of_fmus = || system.models.iter().flatten().filter_map(|m| m.step).reduce(f64::min);
+    let of_fmus =
+        || system.models.iter().flatten().filter_map(|m| m.experiment[2]).reduce(f64::min);
     let step = step(&root).or_else(of_fmus).unwrap_or((stop - start) / 500.0);
     let mut seen = HashSet::new();
     system.warnings.retain(|warning| seen.insert(warning.clone()));

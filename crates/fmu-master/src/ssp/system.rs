@@ -1,16 +1,13 @@
 //! The components and connections of nested systems, on one level.
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::ModelDescription;
-use fmu_description::xml::{self, Element};
-use fmu_file::archive::Archive;
+use fmu_description::xml::Element;
 
 use super::read::{self, Files};
 use super::vocabulary::{self, COMPONENT, SYSTEM};
-use crate::fmu::{Units, units};
+use crate::fmu::{Declared, Units};
 use crate::{Component, Connection, Interface, Scale};
 
 /// A connector: the path of its element, which is empty for the outermost system, and its name.
@@ -41,15 +38,6 @@ pub struct Unit {
     pub definition: Option<Vec<(String, f64)>>,
 }
 
-/// The part of an FMU that matters here.
-pub struct Model {
-    /// The units of variables by their names.
-    pub variables: HashMap<String, Option<String>>,
-    /// The step size of the default experiment (s).
-    pub step: Option<f64>,
-    units: Units,
-}
-
 struct Connector {
     /// Whether values leave its element here.
     is_output: bool,
@@ -64,7 +52,7 @@ pub struct System<'a> {
     pub units: Units,
     pub components: Vec<Component>,
     /// The FMUs of the components; `None` if one cannot be read, which is reported when it is loaded.
-    pub models: Vec<Option<Model>>,
+    pub models: Vec<Option<Declared>>,
     /// All elements by their paths: the indices of components, and `None` for systems.
     pub elements: HashMap<String, Option<usize>>,
     /// What feeds each connector.
@@ -172,7 +160,7 @@ impl<'a> System<'a> {
         let read: Result<_> = read();
         let (fmu, interface) =
             read.with_context(|| format!("{}: component {path}", line(element)))?;
-        self.models.push(Model::read(&fmu).ok());
+        self.models.push(Declared::read(&fmu).ok());
         let name = path.to_owned();
         self.components.push(Component { name, fmu, interface, ..Component::default() });
         Ok(self.components.len() - 1)
@@ -270,7 +258,7 @@ impl<'a> System<'a> {
     }
 
     /// The FMU of a component.
-    pub fn model(&self, path: &str) -> Option<&Model> {
+    pub fn model(&self, path: &str) -> Option<&Declared> {
         self.models[(*self.elements.get(path)?)?].as_ref()
     }
 
@@ -305,23 +293,6 @@ impl<'a> System<'a> {
         // The transformation is of the value in the unit of the target.
         let scale = then(then(passage.scale, conversion), link.scale);
         Ok(Passage { unit: unit.or(passage.unit), scale, length })
-    }
-}
-
-impl Model {
-    fn read(fmu: &Path) -> Result<Self> {
-        let text = Archive::open_sound(fmu)?.model_description()?;
-        let root = xml::parse(&text)?;
-        let model = ModelDescription::read(&root)?;
-        let named = model.variables().flat_map(|(_, v)| {
-            let names = [v.name.as_str()].into_iter().chain(v.aliases());
-            names.map(|name| (name.to_owned(), v.unit.clone()))
-        });
-        Ok(Self {
-            variables: named.collect(),
-            step: model.experiment("stepSize"),
-            units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
-        })
     }
 }
 
