@@ -1,37 +1,16 @@
-"""The Source FMU alone: references and the disturbance at any time, and at their jumps."""
+"""The Source FMU alone: its parameters and jumps. test_table1.py compares its signals in loops."""
 
 import fmpy
 import numpy as np
 import pytest
 
 import reference
-from pendulum_fmus.loop import TS
 from pendulum_fmus.master import Component
 
 
 def signals(source: Component) -> tuple[float, float]:
     """Return (r, d) [rad]."""
     return source.get("r"), source.get("d")
-
-
-@pytest.mark.parametrize(
-    ("signal", "frequency", "h", "start"),
-    [
-        ("step", 0.2, TS, 0.0),
-        ("sine", 0.2, 0.01, 0.0),
-        ("sine", 0.2, 1.5, 1e6),
-        ("square", 0.1, TS, 0.0),
-        ("square", 0.1, 1 / 1024, 1.25),
-    ],
-)
-def test_signals_follow_their_formulas(instance, signal, frequency, h, start):
-    given = {"signal": signal, "frequency": frequency, "disturbance.amplitude": 1.0}
-    source = instance("Source", given, time=start)
-    for k in range(round(10.5 / h)):
-        t = start + k * h
-        expected = reference.reference(signal, t, frequency), reference.disturbance(t, 1.0)
-        assert signals(source) == pytest.approx(expected, rel=1e-9, abs=1e-9), t
-        source.step(t, h)
 
 
 def test_amplitude_frequency_and_pulse_are_parameters(instance):

@@ -87,15 +87,3 @@ fn every_loop_of_table_1_has_the_bits_of_the_mathematics() {
         }
     }
 }
-
-#[test]
-fn simulations_of_one_plan_run_on_several_threads() {
-    let plan = plan("pid.toml");
-    let expected = natively(&plan, SetPoint::Step, 0.0);
-    std::thread::scope(|scope| {
-        let runs = [(); 4].map(|()| scope.spawn(|| natively(&plan, SetPoint::Step, 0.0)));
-        for run in runs {
-            assert!(run.join().unwrap() == expected);
-        }
-    });
-}
