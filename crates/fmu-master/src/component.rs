@@ -320,12 +320,14 @@ impl<'a> Component<'a> {
             }
             values = &self.reals;
         }
-        self.calls.go_on(self.set);
-        if let Some(outcome) = self.instance.set_at_step(values) {
-            let first = self.ports[0].run.as_ref().map_or(0, |run| run.place().start);
-            let values = values[first..].iter().map(|value| Value::Float64(*value));
-            let values = Vec::from_iter(values);
-            self.explain_writing(*outcome, &self.ports[0].inputs, &values)?;
+        if self.set.is_some() {
+            self.calls.go_on(self.set);
+            if let Some(outcome) = self.instance.set_at_step(values) {
+                let first = self.ports[0].run.as_ref().map_or(0, |run| run.place().start);
+                let values = values[first..].iter().map(|value| Value::Float64(*value));
+                let values = Vec::from_iter(values);
+                self.explain_writing(*outcome, &self.ports[0].inputs, &values)?;
+            }
         }
         if PLAIN { Ok(()) } else { self.write_others(outputs) }
     }
