@@ -20,12 +20,12 @@ pub fn plain(text: &str, max_length: usize) -> String {
         c.is_control()
             || matches!(c, '\u{200e}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
     };
-    let harmless = |c| if controls(c) { ' ' } else { c };
-    let mut plain: String = text.chars().take(max_length).map(harmless).collect();
-    if text.chars().nth(max_length).is_some() {
-        plain.push_str("...");
+    // A character has at least one byte.
+    let end = if text.len() > max_length { text.char_indices().nth(max_length) } else { None };
+    match end {
+        Some((end, _)) => text[..end].replace(controls, " ") + "...",
+        None => text.replace(controls, " "),
     }
-    plain
 }
 
 #[cfg(test)]
