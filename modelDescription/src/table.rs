@@ -501,27 +501,31 @@ pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
 }
 
 /// The scalar variable with the given number.
-pub const fn find_scalar(rows: &'static [Row], index: usize) -> Option<Scalar> {
-    find(rows, ([""; MAX_DEPTH], 0, 0), index)
+pub const fn find_scalar(rows: &'static [Row], mut index: usize) -> Option<Scalar> {
+    find(rows, ([""; MAX_DEPTH], 0, 0), &mut index)
 }
 
-/// As [`find_scalar`], in a group with these prefixes, their number, and this offset.
+/// As [`find_scalar`], in a group with these prefixes, their number, and this offset. Subtracts the variables that come
+/// before from the index.
 const fn find(
     rows: &'static [Row],
-    (mut prefixes, depth, base): ([&'static str; MAX_DEPTH], usize, usize),
-    mut index: usize,
+    (prefixes, depth, base): ([&'static str; MAX_DEPTH], usize, usize),
+    index: &mut usize,
 ) -> Option<Scalar> {
     each!(row in rows => {
-        let count = count(std::slice::from_ref(row));
         match row {
-            _ if index >= count => index -= count,
-            Row::Field(variable) => {
-                return Some(Scalar { variable, prefixes, element: index, offset: base });
+            Row::Field(variable) if *index < variable.count() => {
+                return Some(Scalar { variable, prefixes, element: *index, offset: base });
             }
+            Row::Field(variable) => *index -= variable.count(),
             Row::Group { prefix, offset, rows } => {
                 assert!(depth < MAX_DEPTH, "structs are nested more than 4 deep");
-                prefixes[depth] = prefix;
-                return find(rows, (prefixes, depth + 1, base + *offset), index);
+                let mut inner = prefixes;
+                inner[depth] = prefix;
+                let found = find(rows, (inner, depth + 1, base + *offset), index);
+                if found.is_some() {
+                    return found;
+                }
             }
         }
     });

@@ -453,26 +453,27 @@ impl dyn AnyModel {
         (array.count > 0).then(|| unsafe { in_use(self.memory(), array) })
     }
 
-    /// Whether a host can address the scalar by itself: it is no structural parameter, and an element in use
-    /// of an array.
-    pub(crate) fn is_element(&mut self, reference: u32) -> bool {
-        self.find(reference).is_some_and(|scalar| {
-            let first = reference.wrapping_sub(scalar.element as u32);
-            scalar.variable.causality != Causality::StructuralParameter
-                && self.elements(first).is_some_and(|elements| scalar.element < elements)
-        })
+    /// Whether a host can address the scalar of a reference by itself: it is no structural parameter, and an element in
+    /// use of an array.
+    pub(crate) fn is_element(&mut self, scalar: &Scalar, reference: u32) -> bool {
+        let first = reference.wrapping_sub(scalar.element as u32);
+        scalar.variable.causality != Causality::StructuralParameter
+            && self.elements(first).is_some_and(|elements| scalar.element < elements)
     }
 
     /// Whether any of the variables is computed only when a host asks for it.
     pub(crate) fn has_derivatives(&self, references: &[u32]) -> bool {
-        references.iter().any(|&reference| {
-            self.find(reference).is_some_and(|scalar| {
-                matches!(
-                    scalar.variable.dynamics,
-                    Dynamics::Derivative { .. } | Dynamics::EventIndicator
-                )
+        let facts = self.facts();
+        let are_there = !(facts.states.is_empty() && facts.event_indicators.is_empty());
+        are_there
+            && references.iter().any(|&reference| {
+                self.find(reference).is_some_and(|scalar| {
+                    matches!(
+                        scalar.variable.dynamics,
+                        Dynamics::Derivative { .. } | Dynamics::EventIndicator
+                    )
+                })
             })
-        })
     }
 
     /// How many of these numbers there are.

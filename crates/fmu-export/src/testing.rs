@@ -258,7 +258,7 @@ impl<M: Drive> Driver<M> {
             let model = &mut self.component.model;
             let scalar = model.find(reference).filter(|scalar| {
                 let causality = scalar.variable.causality;
-                causality == Causality::Output && model.is_element(reference)
+                causality == Causality::Output && model.is_element(scalar, reference)
             });
             let value = scalar.map(|scalar| model.get(&scalar));
             outputs.extend(value.and_then(|value| match value {

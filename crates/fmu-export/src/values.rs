@@ -125,9 +125,9 @@ impl Component {
     /// The scalar or element with a value reference, if the functions of a type access it.
     fn find(&mut self, of_type: Type, reference: u32) -> Result<Scalar, ModelError> {
         let (version, count) = (self.shared.settings.edge.version, self.model.facts().count);
-        let is_known = version == Version::Fmi3 || self.model.is_element(reference);
-        let scalar = self.model.find(reference).filter(|_| is_known);
-        let scalar = scalar.ok_or_else(|| unknown(count, reference))?;
+        let found = self.model.find(reference);
+        let is_known = |s: &Scalar| version == Version::Fmi3 || self.model.is_element(s, reference);
+        let scalar = found.filter(is_known).ok_or_else(|| unknown(count, reference))?;
         check_type(&scalar, of_type, version)?;
         Ok(scalar)
     }
