@@ -434,7 +434,7 @@ impl Rows {
                 rest = row.as_ref().map_or("", |(_, rest)| rest);
                 Some(row.map(|(cells, _)| cells))
             });
-            table::write(&self.path, Format::Parquet, columns, rows)?;
+            table::write_parquet(&self.path, columns, rows)?;
         }
         Ok(self.count)
     }

@@ -12,12 +12,13 @@ mod compare;
 mod parquet;
 mod read;
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Type, Value};
+#[cfg(feature = "parquet")]
 use fmu_file::replace::Replacement;
 use serde::{Deserialize, Serialize};
 
@@ -132,7 +133,7 @@ pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a st
 
 /// The fields of a line of CSV, `None` for an empty one without quotes, and the rest after the line; `None` if
 /// the line is not CSV.
-pub fn fields(mut text: &str) -> Option<(Vec<Option<String>>, &str)> {
+pub fn fields(mut text: &str) -> Option<(Vec<Option<Cow<'_, str>>>, &str)> {
     let mut fields = Vec::new();
     loop {
         if let Some(mut rest) = text.strip_prefix('"') {
@@ -147,10 +148,10 @@ pub fn fields(mut text: &str) -> Option<(Vec<Option<String>>, &str)> {
                 }
                 field.push('"');
             }
-            fields.push(Some(field));
+            fields.push(Some(field.into()));
         } else {
             let (field, rest) = text.split_at(text.find([',', '\n']).unwrap_or(text.len()));
-            fields.push((!field.is_empty()).then(|| field.to_owned()));
+            fields.push((!field.is_empty()).then_some(field.into()));
             text = rest;
         }
         match text.as_bytes() {
@@ -181,36 +182,25 @@ impl Format {
     }
 }
 
-/// Writes rows in order and atomically; an existing file is replaced.
+/// Writes rows as Parquet, in order and atomically; an existing file is replaced.
 ///
 /// # Errors
 /// The file cannot be written, or a row is an error.
-pub fn write(
+#[cfg_attr(not(feature = "parquet"), allow(unused_variables))]
+pub fn write_parquet(
     file: &Path,
-    format: Format,
     columns: &[Column],
     rows: impl Iterator<Item = Result<Vec<Cell>>>,
 ) -> Result<()> {
-    let mut output = Replacement::of(file)?;
-    let cannot = || format!("cannot write {}", file.display());
-    match format {
-        Format::Csv => {
-            let mut output = BufWriter::new(&mut output);
-            let mut text = header(columns);
-            for row in rows {
-                output.write_all(text.as_bytes()).with_context(cannot)?;
-                text.clear();
-                push_line(&mut text, row?.into_iter());
-            }
-            output.write_all(text.as_bytes()).with_context(cannot)?;
-            output.flush().with_context(cannot)?;
-        }
-        #[cfg(feature = "parquet")]
-        Format::Parquet => parquet::write(&mut output, columns, rows).with_context(cannot)?,
-        #[cfg(not(feature = "parquet"))]
-        Format::Parquet => bail!("{}: this program does not write Parquet", file.display()),
+    #[cfg(feature = "parquet")]
+    {
+        let mut output = Replacement::of(file)?;
+        let cannot = || format!("cannot write {}", file.display());
+        parquet::write(&mut output, columns, rows).with_context(cannot)?;
+        output.finish()
     }
-    output.finish()
+    #[cfg(not(feature = "parquet"))]
+    bail!("{}: this program does not write Parquet", file.display())
 }
 
 #[cfg(test)]
@@ -242,7 +232,7 @@ mod tests {
         let rows = [values.clone().map(Some).to_vec(), vec![None; values.len()]];
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.parquet");
-        write(&file, Format::Parquet, &columns, rows.into_iter().map(Ok)).unwrap();
+        write_parquet(&file, &columns, rows.into_iter().map(Ok)).unwrap();
         let expected = names.into_iter().zip(values).map(|(name, value)| {
             let (unit, cells) = ("m/s".into(), vec![Some(value), None]);
             Series { name, unit, cells }

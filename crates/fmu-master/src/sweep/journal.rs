@@ -25,12 +25,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Read, Seek, Write};
+use std::io::{self, BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, bail, ensure};
+use fmu_file::replace::Replacement;
 
 use crate::table::{self, Cell, Column, Format};
 
@@ -104,17 +105,17 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Appends a row, a line of CSV, in one write.
+    /// Appends rows, lines of CSV, in one write.
     ///
     /// # Errors
-    /// The line does not match the columns or the number of runs, or cannot be written; nothing of it is
+    /// A line does not match the columns or the number of runs, or the lines cannot be written; nothing of them is
     /// left in the file.
-    pub fn append(&mut self, line: &str) -> Result<()> {
-        let index = self.index(line)?;
-        let written = match self.file.write_all(line.as_bytes()) {
+    pub fn append(&mut self, lines: &str) -> Result<()> {
+        let indices = lines.lines().map(|line| self.index(line)).collect::<Result<Vec<_>>>()?;
+        let written = match self.file.write_all(lines.as_bytes()) {
             Ok(()) => {
-                self.done.insert(index);
-                self.length += line.len() as u64;
+                self.done.extend(indices);
+                self.length += lines.len() as u64;
                 self.sync_sometimes()
             }
             Err(error) => {
@@ -182,12 +183,30 @@ impl Journal {
             self.runs,
             (0..self.runs).find(|index| !rows.contains_key(index)).unwrap_or_default()
         );
-        let rows = rows.values().map(|line| {
+        let rows = rows.values().map(|line| -> Result<_> {
             let (row, _) = table::parse(&self.columns, line)?;
             see(&row);
-            Ok(row)
+            Ok((line, row))
         });
-        table::write(&self.output, self.format, &self.columns, rows)?;
+        match self.format {
+            Format::Csv => {
+                // A row has the same line in the table.
+                let mut output = Replacement::of(&self.output)?;
+                let mut table = BufWriter::new(&mut output);
+                let cannot = || format!("cannot write {}", self.output.display());
+                write!(table, "{}", table::header(&self.columns)).with_context(cannot)?;
+                for row in rows {
+                    writeln!(table, "{}", row?.0).with_context(cannot)?;
+                }
+                table.flush().with_context(cannot)?;
+                drop(table);
+                output.finish()?;
+            }
+            Format::Parquet => {
+                let rows = rows.map(|row| Ok(row?.1));
+                table::write_parquet(&self.output, &self.columns, rows)?;
+            }
+        }
         self.remove()
     }
 
@@ -320,7 +339,7 @@ mod tests {
         for run in [2, 0] {
             journal.append(LINES[run]).unwrap();
         }
-        for wrong in ["0\n", "4,0.1,\n", "x,0.1,\n", "1,a,\n"] {
+        for wrong in ["0\n", "1,0.1,\n4,0.1,\n", "x,0.1,\n", "1,a,\n"] {
             assert!(journal.append(wrong).is_err());
         }
         let expected = "# sweep 0abc\nindex,p,model\n2,0.2,linear\n0,0.0,\n";
@@ -332,9 +351,7 @@ mod tests {
 
         let mut journal = open(&output).unwrap();
         assert_eq!(journal.missing(), [(1, 2), (3, 4)]);
-        for run in [3, 1, 3] {
-            journal.append(LINES[run]).unwrap();
-        }
+        journal.append(&[3, 1, 3].map(|run| LINES[run]).concat()).unwrap();
         journal.finish(|_| ()).unwrap();
         let table = format!("index,p,model\n{}", LINES.concat());
         assert_eq!(fs::read_to_string(&output).unwrap(), table);

@@ -49,7 +49,8 @@ pub(crate) enum Outcome<R> {
     Crash(Crash),
 }
 
-/// Longest interval between looks at the workers, and the first one after tasks were handed out.
+/// Longest interval between looks at the workers, and the first one after tasks were handed out, or if a worker has
+/// fewer tasks than it could do, at the end.
 const PERIOD: Duration = Duration::from_millis(4);
 const FIRST_PERIOD: Duration = Duration::from_micros(250);
 /// The tasks of a worker are to take less than about this time.
@@ -83,8 +84,8 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
         Self { setup, names, busy: Vec::new() }
     }
 
-    /// Hands out this number of tasks; `keep` receives what came of each, in any order. Returns false if
-    /// cancelled.
+    /// Hands out this number of tasks; `keep` receives what came of each, in any order, of several tasks at once if they
+    /// are short. Returns false if cancelled.
     ///
     /// # Errors
     /// A worker cannot be started or does nothing, or `keep` fails.
@@ -92,7 +93,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
         &mut self,
         number: u64,
         mut tasks: impl Iterator<Item = T>,
-        mut keep: impl FnMut(T, Outcome<R>) -> Result<()>,
+        mut keep: impl FnMut(Vec<(T, Outcome<R>)>) -> Result<()>,
     ) -> Result<bool> {
         // The tasks that nobody has.
         let mut rest = number;
@@ -127,12 +128,15 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     };
                     rest += busy.tasks.len() as u64;
                     waiting.extend(busy.tasks.drain(..));
-                    keep(task, Outcome::Crash(crash))?;
+                    keep(vec![(task, Outcome::Crash(crash))])?;
                     continue;
                 }
                 // Less and less at the end, so that all workers end at about the same time.
                 let share = rest / (2 * self.setup.count() as u64);
                 let ahead = busy.ahead.min(share.max(1) as usize);
+                if ahead < busy.ahead {
+                    pause = FIRST_PERIOD;
+                }
                 while busy.tasks.len() < ahead
                     && let Some(task) = next()
                 {
@@ -197,18 +201,30 @@ impl<T: Copy> Busy<T> {
     /// half of its tasks gets twice as many from now on; one whose tasks take long gets one at a time.
     fn collect<R: DeserializeOwned>(
         &mut self,
-        keep: &mut impl FnMut(T, Outcome<R>) -> Result<()>,
+        keep: &mut impl FnMut(Vec<(T, Outcome<R>)>) -> Result<()>,
     ) -> Result<Option<Ended>> {
-        let tasks = self.tasks.len();
-        while let Some(event) = self.worker.look()? {
-            if let Event::Ended(ended) = event {
-                return Ok(Some(ended));
+        let mut answers = Vec::new();
+        let mut ended = None;
+        while ended.is_none()
+            && let Some(event) = self.worker.look()?
+        {
+            match event {
+                Event::Ended(how) => ended = Some(how),
+                Event::Replied => {
+                    let task = self.tasks.pop_front().context("a worker answers unasked")?;
+                    answers.push((task, Outcome::Reply(self.worker.reply()?)));
+                }
             }
-            let task = self.tasks.pop_front().context("a worker answers unasked")?;
-            keep(task, Outcome::Reply(self.worker.reply()?))?;
+        }
+        let has_answered = !answers.is_empty();
+        if has_answered {
+            keep(answers)?;
+        }
+        if ended.is_some() {
+            return Ok(ended);
         }
         let is_soon = self.since.elapsed() < AHEAD;
-        if self.tasks.len() < tasks {
+        if has_answered {
             if is_soon && 2 * self.tasks.len() < self.ahead {
                 self.ahead = (2 * self.ahead).min(MAX_AHEAD);
             }

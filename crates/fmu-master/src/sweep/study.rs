@@ -252,11 +252,13 @@ impl Study {
         pool.run(
             corners.len() as u64,
             corners.into_iter().map(Task::Try),
-            |_, outcome: Outcome<Reply>| {
-                match outcome {
-                    Outcome::Reply(Ok(_)) => fit = true,
-                    Outcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
-                    Outcome::Crash(crashed) => crash = Some(crashed.text),
+            |outcomes: Vec<(Task, Outcome<Reply>)>| {
+                for (_, outcome) in outcomes {
+                    match outcome {
+                        Outcome::Reply(Ok(_)) => fit = true,
+                        Outcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
+                        Outcome::Crash(crashed) => crash = Some(crashed.text),
+                    }
                 }
                 Ok(())
             },
@@ -360,27 +362,35 @@ impl Study {
         Ok(line)
     }
 
-    /// Simulates runs; `keep` receives the line of each, and why it failed. Returns false if cancelled.
+    /// Simulates runs; `keep` receives lines of runs, and why each run failed. Returns false if cancelled.
     fn execute(
         &self,
         number: u64,
         indices: impl Iterator<Item = u64>,
         pool: &mut Pool<'_, Task>,
-        mut keep: impl FnMut(u64, Done) -> Result<()>,
+        mut keep: impl FnMut(&str, Vec<(u64, Option<String>)>) -> Result<()>,
     ) -> Result<bool> {
         let tasks = indices.map(Task::Simulate);
-        pool.run(number, tasks, |task, outcome: Outcome<Reply>| {
-            let (Task::Try(index) | Task::Simulate(index)) = task;
-            match outcome {
-                Outcome::Reply(Ok(Some(done))) => keep(index, done),
-                Outcome::Reply(Ok(None)) => Ok(()),
-                Outcome::Reply(Err(text)) => bail!("{text}"),
-                Outcome::Crash(crash) => keep(index, self.crashed(index, crash)?),
+        pool.run(number, tasks, |outcomes: Vec<(Task, Outcome<Reply>)>| {
+            let (mut lines, mut runs) = (String::new(), Vec::new());
+            for (Task::Try(index) | Task::Simulate(index), outcome) in outcomes {
+                let done = match outcome {
+                    Outcome::Reply(Ok(Some(done))) => done,
+                    Outcome::Reply(Ok(None)) => continue,
+                    Outcome::Reply(Err(text)) => {
+                        keep(&lines, runs)?;
+                        bail!("{text}");
+                    }
+                    Outcome::Crash(crash) => self.crashed(index, crash)?,
+                };
+                lines += &done.line;
+                runs.push((index, done.failure));
             }
+            keep(&lines, runs)
         })
     }
 
-    /// Simulates some runs; `keep` receives the line of each as soon as it is ready. Returns false if
+    /// Simulates some runs; `keep` receives their lines as soon as they are ready. Returns false if
     /// cancelled.
     ///
     /// # Errors
@@ -393,11 +403,11 @@ impl Study {
     ) -> Result<bool> {
         self.parameters.check(&runs)?;
         let number = runs.end.saturating_sub(runs.start);
-        self.execute(number, runs, &mut self.pool(workers), |_, done| keep(&done.line))
+        self.execute(number, runs, &mut self.pool(workers), |lines, _| keep(lines))
     }
 
     /// Simulates the runs that are not yet in the journal of `file`, and writes all rows to `file`.
-    /// `report` is called before the first run and after every run. Returns false if cancelled.
+    /// `report` is called before the first run and after one or more runs. Returns false if cancelled.
     ///
     /// # Errors
     /// The journal belongs to another sweep, a file cannot be written, or a run cannot be started.
@@ -420,10 +430,10 @@ impl Study {
         report(&progress);
         let pending = missing.into_iter().flat_map(|(first, end)| first..end);
         let number = runs - progress.before;
-        let is_complete = self.execute(number, pending, pool, |run, done| {
-            journal.append(&done.line)?;
-            progress.done += 1;
-            if let Some(failure) = done.failure {
+        let is_complete = self.execute(number, pending, pool, |lines, done| {
+            journal.append(lines)?;
+            progress.done += done.len() as u64;
+            for (run, failure) in done.into_iter().filter_map(|(run, why)| Some((run, why?))) {
                 progress.failed += 1;
                 let first = progress.first_failure.get_or_insert((run, String::new()));
                 if run <= first.0 {

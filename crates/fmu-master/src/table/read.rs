@@ -54,8 +54,8 @@ pub(super) fn csv(text: &str) -> Result<Vec<Series>> {
     // Other programs begin with a mark, and end lines with two characters.
     let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
     let (titles, mut rest) = fields(&text).context("line 1, expected names in CSV")?;
-    let titles = titles.into_iter().map(Option::unwrap_or_default);
-    let mut table = Vec::from_iter(titles.map(|title| Series::titled(&title)));
+    let titles = titles.iter().map(|title| title.as_deref().unwrap_or_default());
+    let mut table = Vec::from_iter(titles.map(Series::titled));
     let mut line = 1;
     while !rest.is_empty() {
         line += 1;
@@ -65,20 +65,20 @@ pub(super) fn csv(text: &str) -> Result<Vec<Series>> {
         let (found, expected) = (row.len(), table.len());
         ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
         for (series, field) in table.iter_mut().zip(row) {
-            series.cells.push(field.map(value));
+            series.cells.push(field.as_deref().map(value));
         }
     }
     Ok(table)
 }
 
 /// The value that a field looks like.
-fn value(field: String) -> Value {
-    match (field.as_str(), field.parse(), field.trim().parse()) {
+fn value(field: &str) -> Value {
+    match (field, field.parse(), field.trim().parse()) {
         ("true", ..) => Value::Boolean(true),
         ("false", ..) => Value::Boolean(false),
         (_, Ok(number), _) => Value::Int64(number),
         (_, _, Ok(number)) => Value::Float64(number),
-        _ => Value::String(field),
+        _ => Value::String(field.to_owned()),
     }
 }
 
