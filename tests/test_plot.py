@@ -64,6 +64,9 @@ def test_the_page_draws_all_runs_and_shows_the_values_at_the_cursor(
     )
 
     plot = page.locator(".uplot", has_text="plant.theta (this run)")
+    border = "getComputedStyle(mark).borderTopStyle"
+    borders = plot.locator(".u-marker").evaluate_all(f"marks => marks.map((mark) => {border})")
+    assert {"solid", "dashed"} <= {*borders}, "the legend shows which run a curve is of"
     over = plot.locator(".u-over")
     over.hover()
     labels, shown = (plot.locator(f".u-{part}").all_inner_texts() for part in ("label", "value"))
