@@ -1,20 +1,19 @@
-//! Measures cycles of FMUs of FMI 3.0, native or WebAssembly, by the crate `fmu-host`: each cycle sets an input,
-//! takes a step and gets an output. The arguments are the number of rounds, of cycles in a round, and for each FMU its
-//! binary, its instantiation token, the value references of input and output, and how far the input moves. Each line of
-//! the result has the time of a cycle (ns) of each FMU in a round.
+//! Measures cycles of FMUs of FMI 3.0, native or WebAssembly, by the crate `fmu-host`, as the native master calls them:
+//! each cycle sets an input, takes a step and gets an output. The arguments are the number of rounds, of cycles in a
+//! round, and for each FMU its binary, its instantiation token, the value references of input and output, and how far
+//! the input moves. Each line of the result has the time of a cycle (ns) of each FMU in a round.
 
 use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-use fmu_host::{Instance, Instantiation, Library, Version};
+use fmu_host::{Instance, Instantiation, Library, Listed, Unusual, Version};
 
 const STEP: f64 = 1e-3;
 
 struct Subject {
     instance: Instance,
-    input: u32,
-    output: u32,
+    has_cycle: bool,
     amplitude: f64,
     steps: u32,
 }
@@ -30,18 +29,32 @@ impl Subject {
         let mut instance = instance.ok_or("it cannot be instantiated")?;
         instance.enter_initialization_mode()?;
         instance.exit_initialization_mode()?;
-        let (input, output, amplitude) = (input.parse()?, output.parse()?, amplitude.parse()?);
-        Ok(Self { instance, input, output, amplitude, steps: 0 })
+        let [input, output] = [input, output].map(|reference| reference.parse());
+        instance.access_at_steps(Listed::new(&[input?], 0..1), Listed::new(&[output?], 1..2));
+        let has_cycle = instance.has_cycle();
+        Ok(Self { instance, has_cycle, amplitude: amplitude.parse()?, steps: 0 })
+    }
+
+    /// The calls of a step, as the master makes them.
+    fn cycle(&mut self, time: f64, values: &mut [f64]) -> Unusual {
+        let instance = &mut self.instance;
+        if self.has_cycle {
+            return instance.cycle(None, time, STEP, values).1;
+        }
+        instance
+            .set_at_step(values)
+            .or_else(|| instance.do_step_quickly(time, STEP))
+            .or_else(|| instance.get_at_step(values))
     }
 
     /// The time of a cycle in a round (ns).
     fn round(&mut self, cycles: u32) -> Result<f64, Box<dyn Error>> {
-        let (mut got, begin) = ([0.0], Instant::now());
+        let (mut values, begin) = ([0.0; 2], Instant::now());
         for _ in 0..cycles {
-            let given = [self.amplitude * f64::from(self.steps % 2)];
-            self.instance.set_float64(&[self.input], &given)?;
-            self.instance.do_step(STEP * f64::from(self.steps), STEP)?;
-            self.instance.get_float64(&[self.output], &mut got)?;
+            values[0] = self.amplitude * f64::from(self.steps % 2);
+            if let Some(outcome) = self.cycle(STEP * f64::from(self.steps), &mut values) {
+                (*outcome)?;
+            }
             self.steps += 1;
         }
         Ok(begin.elapsed().as_secs_f64() * 1e9 / f64::from(cycles))

@@ -213,7 +213,9 @@ def test_a_native_binary_is_run_unless_it_is_refused(components, fmus, tmp_path)
     assert "it has no WebAssembly component, and native binaries were refused" in problems
 
 
+# Without texts and bytes, the calls of a step are one.
 @pytest.mark.sandbox
+@pytest.mark.parametrize("output", ["y", "echo"])
 @pytest.mark.parametrize(
     ("u", "reason"),
     [
@@ -222,8 +224,9 @@ def test_a_native_binary_is_run_unless_it_is_refused(components, fmus, tmp_path)
         ("3", "forcing trap when growing memory to 16"),
     ],
 )
-def test_a_trap_is_reported_with_function_time_and_reason(u, reason, panicking):
+def test_a_trap_is_reported_with_function_time_and_reason(u, reason, output, panicking):
     options = ["--sandbox", "--call-timeout", "0.5", "--memory-limit", "1", "--step", "0.1"]
+    options += ["--output", output]
     # Compiling the component may take longer than the limit of a call.
     assert program("simulate", panicking, "--stop", "0.1")[0] == 0
     code, _, problems = program("simulate", panicking, "--set", f"u={u}", *options)
@@ -231,6 +234,32 @@ def test_a_trap_is_reported_with_function_time_and_reason(u, reason, panicking):
     what = "step of 0.1 s at t = 0.0 s: fmi3DoStep ended with a trap: "
     assert f"(Panicking_fmi3.fmu), {what}" in problems
     assert reason in problems
+
+
+@pytest.mark.sandbox
+@pytest.mark.parametrize("outputs", [["it.y"], ["it.y", "it.echo"]])
+def test_an_input_that_is_refused_is_reported_with_function_and_time(
+    outputs, panicking, components, tmp_path
+):
+    system = tmp_path / "system.toml"
+    source = (components / "Source_fmi3.fmu").as_posix()
+    system.write_text(
+        f"""stop = 6.0
+step = 0.5
+connections = ["source.d -> it.u"]
+outputs = {outputs}
+component = [
+  {{ name = "source", fmu = "{source}", start = {{ "disturbance.amplitude" = 10.0 }} }},
+  {{ name = "it", fmu = "{panicking.as_posix()}" }},
+]
+""",
+        encoding="utf-8",
+    )
+    code, _, problems = program("simulate", system)
+    assert code == 1
+    assert (
+        "(Panicking_fmi3.fmu), u = 10.0 at t = 4.5 s: fmi3SetFloat64 returned fmi3Error" in problems
+    )
 
 
 @pytest.mark.sandbox

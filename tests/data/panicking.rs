@@ -6,7 +6,7 @@ use fmu_export::prelude::*;
 #[derive(Model)]
 pub struct Panicking {
     /// what must not be negative
-    #[input]
+    #[input(max = 9)]
     u: f64,
     /// the same
     #[output]

@@ -107,7 +107,10 @@ impl Reencode for Named<'_> {
         exports: &mut ExportSection,
         export: wasmparser::Export<'_>,
     ) -> Result<(), Error> {
-        let is_kept = matches!(export.name, "memory" | "cabi_realloc" | "fmu_export_arguments");
+        let is_kept = matches!(
+            export.name,
+            "memory" | "cabi_realloc" | "fmu_export_arguments" | "fmu_export_cycle"
+        );
         let performs = |operation: &str| match self.draft {
             Draft::WithFunction if operation.starts_with("instantiate_") => {
                 export.name.strip_suffix(WITHOUT_PATH) == Some(operation)

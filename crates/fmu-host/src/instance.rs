@@ -174,7 +174,7 @@ pub struct Instance {
     pub(crate) version: Version,
     /// What is called instead, if the FMU is a WebAssembly component.
     #[cfg(feature = "sandbox")]
-    component: Option<Box<crate::sandbox::Instance>>,
+    pub(crate) component: Option<Box<crate::sandbox::Instance>>,
     /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance. FMI 3.0 has none.
     callbacks: Option<*mut fmi2CallbackFunctions>,
     /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
@@ -223,6 +223,17 @@ pub struct Stepped {
     pub early_return: bool,
     /// `lastSuccessfulTime` (s)
     pub last_successful_time: f64,
+}
+
+/// The result of a step of FMI 3.0 that must not end early.
+pub(crate) fn at_the_end(done: Success, stepped: Stepped) -> Unusual {
+    let cause = match stepped {
+        Stepped { terminate: true, .. } => Cause::Terminated(stepped.last_successful_time),
+        Stepped { early_return: true, .. } => Cause::ReturnedEarly(stepped.last_successful_time),
+        _ if done == Success::Ok => return None,
+        _ => return Some(Box::new(Ok(done))),
+    };
+    Some(Box::new(Err(Failure::new("fmi3DoStep", cause))))
 }
 
 /// The result of an update of discrete states.
@@ -650,15 +661,7 @@ impl Instance {
             Ok(done) => done,
             Err(failure) => return Some(Box::new(Err(failure))),
         };
-        let cause = match stepped {
-            Stepped { terminate: true, .. } => Cause::Terminated(stepped.last_successful_time),
-            Stepped { early_return: true, .. } => {
-                Cause::ReturnedEarly(stepped.last_successful_time)
-            }
-            _ if done == Success::Ok => return None,
-            _ => return Some(Box::new(Ok(done))),
-        };
-        Some(Box::new(Err(Failure::new("fmi3DoStep", cause))))
+        at_the_end(done, stepped)
     }
 
     /// `fmi2DoStep`, `fmi3DoStep`; the flag is `noSetFMUStatePriorToCurrentPoint`.

@@ -206,6 +206,10 @@ impl Library {
         Ok(function)
     }
 
+    pub(crate) fn is_traced(&self) -> bool {
+        self.trace.is_some()
+    }
+
     /// Says that a function is about to be called.
     pub(crate) fn trace(&self, name: &'static str) {
         if let Some(trace) = &self.trace {

@@ -42,6 +42,11 @@ impl Listed {
         Self { references: references.to_vec(), scalars, place }
     }
 
+    #[cfg(feature = "sandbox")]
+    pub(crate) fn references(&self) -> &[u32] {
+        &self.references
+    }
+
     /// The place of the elements.
     pub fn place(&self) -> Range<usize> {
         self.place.clone()
@@ -120,6 +125,10 @@ macro_rules! access {
 impl Instance {
     /// Says which variables every step sets and gets.
     pub fn access_at_steps(&mut self, set: Listed, get: Listed) {
+        #[cfg(feature = "sandbox")]
+        if let Some(component) = &mut self.component {
+            component.access_at_steps(&set, &get);
+        }
         let Library { fmi2, fmi3, .. } = &*self.library;
         self.quick = Quick {
             set: Access::new(set, fmi2.fmi2SetReal, fmi3.fmi3SetFloat64),
@@ -145,6 +154,41 @@ impl Instance {
             (_, Version::Fmi3) => self.step_to_the_end(time, step),
             _ => Some(Box::new(self.do_step(time, step))),
         }
+    }
+
+    /// Whether [`Instance::cycle`] is possible: in components of `fmu-export`, unless calls are traced.
+    pub fn has_cycle(&self) -> bool {
+        #[cfg(feature = "sandbox")]
+        let has = self.component.as_ref().is_some_and(|component| component.has_cycle());
+        #[cfg(not(feature = "sandbox"))]
+        let has = false;
+        has && !self.library.is_traced()
+    }
+
+    /// Makes the calls of a step in one, with inputs in a list of their own or that of the outputs: sets variables, takes
+    /// the step and gets variables, until one is not plainly successful. Returns how many were made, and the result of
+    /// the last one.
+    #[cfg_attr(not(feature = "sandbox"), expect(unused_variables, reason = "no instance has it"))]
+    pub fn cycle(
+        &mut self,
+        inputs: Option<&[f64]>,
+        time: f64,
+        step: f64,
+        outputs: &mut [f64],
+    ) -> (usize, Unusual) {
+        #[cfg(feature = "sandbox")]
+        if let Some(component) = &mut self.component {
+            let how = (time, step, !self.is_saved);
+            if let Some((calls, status, stepped)) = component.cycle(inputs, how, outputs) {
+                let function = ["fmi3SetFloat64", "fmi3DoStep", "fmi3GetFloat64"][calls - 1];
+                let unusual = match self.library.outcome(function, status.0) {
+                    Ok(done) if calls == 2 => crate::instance::at_the_end(done, stepped),
+                    other => slowly(other),
+                };
+                return (calls, unusual);
+            }
+        }
+        (0, None)
     }
 
     /// The names of the function in both versions are a reference, which no register or memory has to hold meanwhile.

@@ -6,6 +6,7 @@
 //! own, with its own memory.
 
 mod abi;
+mod cycle;
 mod host;
 mod link;
 
@@ -21,6 +22,7 @@ use fmi_abi::fmi3_functions;
 use wasmtime::{Config, Engine, Module, Store, StoreLimits, StoreLimitsBuilder, Trap};
 
 use self::abi::{Answer, Fault, Given};
+use self::cycle::{Cycle, Cycling};
 use self::link::{Function, Linked, Parts};
 use crate::instance::{Instantiation, State as Saved, Treatment};
 use crate::library::Kind;
@@ -73,6 +75,7 @@ pub(crate) struct Instance {
     handle: u32,
     /// The function that ends the instance.
     end: Option<Function>,
+    cycle: Option<Cycle>,
     /// Whether a call has trapped, so that there are no more calls.
     is_over: bool,
     /// The time that a call has, in periods of [`TICK`].
@@ -83,8 +86,8 @@ pub(crate) struct Instance {
     bytes: Vec<Vec<u8>>,
 }
 
-/// Its methods, what the component calls it, and the function that ends it.
-type Made = (Vec<Method>, u32, Option<Function>);
+/// Its methods, what the component calls it, the function that ends it, and the one that makes the calls of a step.
+type Made = (Vec<Method>, u32, Option<Function>, Option<Cycling>);
 
 /// Interval at which the time of calls is measured.
 const TICK: Duration = Duration::from_millis(10);
@@ -162,11 +165,22 @@ impl Compiled {
         });
         store.set_epoch_deadline(ticks);
         match self.create(&mut store, arguments) {
-            Ok(Some((methods, handle, end))) => {
+            Ok(Some((methods, handle, end, cycle))) => {
+                let cycle = cycle.zip(methods[Operation::set_float64 as usize].function.as_ref());
+                let cycle = cycle.and_then(|(function, set)| Cycle::new(function, set));
                 let (texts, bytes, is_over) = Default::default();
-                let instance =
-                    Instance { store, methods, handle, end, is_over, ticks, limit, texts, bytes };
-                Ok(Some(Box::new(instance)))
+                Ok(Some(Box::new(Instance {
+                    store,
+                    methods,
+                    handle,
+                    end,
+                    cycle,
+                    is_over,
+                    ticks,
+                    limit,
+                    texts,
+                    bytes,
+                })))
             }
             Err(Fault::Trap(error)) => {
                 store.data_mut().log_fatal(&error, limit);
@@ -213,7 +227,7 @@ impl Compiled {
         }
         // SAFETY: the types were checked.
         let handle = unsafe { abi::call(store, &create, None, &given, |answer| answer.option()) };
-        Ok(handle?.map(|handle| (methods, handle, end)))
+        Ok(handle?.map(|handle| (methods, handle, end, linked.cycle)))
     }
 
     /// The result of `fmi3GetVersion`.
@@ -376,12 +390,15 @@ impl Instance {
             unsafe { abi::call(&mut self.store, function, Some(self.handle), given, read) };
         called.map_err(|fault| match fault {
             Fault::Status(status) => status,
-            Fault::Trap(error) => {
-                self.store.data_mut().log_fatal(&error, self.limit);
-                self.is_over = true;
-                TRAPPED
-            }
+            Fault::Trap(error) => self.trapped(&error),
         })
+    }
+
+    #[cold]
+    fn trapped(&mut self, error: &wasmtime::Error) -> fmi3Status {
+        self.store.data_mut().log_fatal(error, self.limit);
+        self.is_over = true;
+        TRAPPED
     }
 }
 

@@ -194,6 +194,29 @@ impl<'a> Component<'a> {
         }
     }
 
+    /// Writes its inputs, takes a step and reads its outputs in one call, if it is one of a plain system and can do so.
+    /// Returns how many of the three are done.
+    #[inline(always)]
+    pub(crate) fn cycle(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called<usize> {
+        if !self.instance.has_cycle() {
+            return Ok(0);
+        }
+        self.copy(outputs);
+        let inputs = (!self.copied.is_empty()).then_some(&*self.reals);
+        self.calls.begin(self.do_step);
+        match self.instance.cycle(inputs, time, step, &mut outputs.reals) {
+            (done, None) => Ok(done),
+            (done, Some(outcome)) => {
+                match done {
+                    1 => self.explain_writing_reals(*outcome, outputs),
+                    2 => self.explain_step(*outcome, time, step),
+                    _ => self.explain_reading(*outcome, &self.ports[0].outputs),
+                }?;
+                Ok(done)
+            }
+        }
+    }
+
     /// Begins the integration after the initialization, if it is a component of model exchange.
     pub(crate) fn begin(
         &mut self,
@@ -315,21 +338,24 @@ impl<'a> Component<'a> {
             self.collect(outputs);
             values = &self.reals;
         } else if !self.copied.is_empty() {
-            for &(from, to) in self.copied {
-                self.reals[to] = outputs.reals[from];
-            }
+            self.copy(outputs);
             values = &self.reals;
         }
         if self.set.is_some() {
             self.calls.go_on(self.set);
             if let Some(outcome) = self.instance.set_at_step(values) {
-                let first = self.ports[0].run.as_ref().map_or(0, |run| run.place().start);
-                let values = values[first..].iter().map(|value| Value::Float64(*value));
-                let values = Vec::from_iter(values);
-                self.explain_writing(*outcome, &self.ports[0].inputs, &values)?;
+                self.explain_writing_reals(*outcome, outputs)?;
             }
         }
         if PLAIN { Ok(()) } else { self.write_others(outputs) }
+    }
+
+    /// Copies the values of its Float64 inputs.
+    #[inline(always)]
+    fn copy(&mut self, outputs: &Store) {
+        for &(from, to) in self.copied {
+            self.reals[to] = outputs.reals[from];
+        }
     }
 
     /// Collects the values of its Float64 inputs.
@@ -365,6 +391,16 @@ impl<'a> Component<'a> {
             self.others[index] = values;
         }
         Ok(())
+    }
+
+    #[cold]
+    fn explain_writing_reals(&mut self, outcome: fmu_host::Result, outputs: &Store) -> Called {
+        let values = match &self.ports[0].run {
+            Some(run) => &outputs.reals[run.place()],
+            None => &*self.reals,
+        };
+        let values = Vec::from_iter(values.iter().map(|value| Value::Float64(*value)));
+        self.explain_writing(outcome, &self.ports[0].inputs, &values)
     }
 
     #[cold]

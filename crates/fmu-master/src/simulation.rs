@@ -173,9 +173,12 @@ impl Simulation<'_> {
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         let integrates = self.plan.components.iter().any(Planned::integrates);
         let is_plain = self.plan.wiring.is_plain && !integrates;
-        let steps = match is_plain {
-            true => self.steps::<true>(&mut observe),
-            false => self.steps::<false>(&mut observe),
+        // Native systems do not ask at each step.
+        let cycles = self.components.iter().any(|component| component.instance.has_cycle());
+        let steps = match (is_plain, cycles) {
+            (true, true) => self.steps::<true, true>(&mut observe),
+            (true, false) => self.steps::<true, false>(&mut observe),
+            _ => self.steps::<false, false>(&mut observe),
         };
         let ended = match steps {
             Ok(()) => None,
@@ -212,7 +215,10 @@ impl Simulation<'_> {
     }
 
     #[inline(always)]
-    fn steps<const PLAIN: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
+    fn steps<const PLAIN: bool, const CYCLES: bool>(
+        &mut self,
+        observe: &mut impl FnMut(&Row) -> bool,
+    ) -> Called {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -231,7 +237,8 @@ impl Simulation<'_> {
             self.row.time = time;
             self.row.store.record::<PLAIN>(&wiring.before, &self.outputs);
             if k < last {
-                self.step::<PLAIN>(k, time, experiment.step).map_err(failed_at(time))?;
+                let stepped = self.step::<PLAIN, CYCLES>(k, time, experiment.step);
+                stepped.map_err(failed_at(time))?;
                 self.row.store.record::<PLAIN>(&wiring.after, &self.outputs);
             }
             if !observe(&self.row) {
@@ -250,7 +257,12 @@ impl Simulation<'_> {
 
     /// Steps from one communication point to the next.
     #[inline]
-    fn step<const PLAIN: bool>(&mut self, k: u64, time: f64, step: f64) -> Called {
+    fn step<const PLAIN: bool, const CYCLES: bool>(
+        &mut self,
+        k: u64,
+        time: f64,
+        step: f64,
+    ) -> Called {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
         let lines = &mut self.lines;
         let mut carry = |component: usize, outputs: &mut Store| {
@@ -262,9 +274,16 @@ impl Simulation<'_> {
         if self.plan.order == Order::Sequential {
             for (index, component) in components.iter_mut().enumerate() {
                 carry(index, outputs);
-                component.write::<PLAIN>(outputs)?;
-                component.step::<PLAIN>(time, step)?;
-                component.read::<PLAIN>(outputs)?;
+                let done = if CYCLES { component.cycle(outputs, time, step)? } else { 0 };
+                if done < 1 {
+                    component.write::<PLAIN>(outputs)?;
+                }
+                if done < 2 {
+                    component.step::<PLAIN>(time, step)?;
+                }
+                if done < 3 {
+                    component.read::<PLAIN>(outputs)?;
+                }
             }
             return Ok(());
         }

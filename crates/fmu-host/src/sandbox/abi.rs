@@ -152,8 +152,9 @@ pub(super) unsafe fn call<R>(
     result
 }
 
-/// The number of bytes that `fmu_export_arguments` gives for arguments, in every component of `fmu-export`.
-const ARGUMENTS: usize = 4096;
+/// The number of bytes for arguments of a call, half of those that `fmu_export_arguments` gives in every component of
+/// `fmu-export`. The other half is for the calls of a step.
+pub(super) const ARGUMENTS: usize = 2048;
 
 /// The lists of a call.
 struct Passing<'a> {

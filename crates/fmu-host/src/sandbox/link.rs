@@ -17,6 +17,7 @@ use wasmtime_environ::component::{
 use wasmtime_environ::wasmparser::Validator;
 use wasmtime_environ::{EntityIndex, PrimaryMap, ScopeVec, Tunables};
 
+use super::cycle::Cycling;
 use super::{Data, PACKAGE, abi, host};
 
 /// A component in parts.
@@ -151,6 +152,7 @@ pub(super) struct Linked<'a> {
     /// The interfaces and names of what the host provides.
     imports: Vec<(&'a str, &'a str)>,
     arguments: Option<u32>,
+    pub(super) cycle: Option<Cycling>,
 }
 
 impl<'a> Linked<'a> {
@@ -164,6 +166,7 @@ impl<'a> Linked<'a> {
             post_returns: Vec::new(),
             imports: Vec::new(),
             arguments: None,
+            cycle: None,
         };
         for initializer in &parts.component.initializers {
             match initializer {
@@ -198,12 +201,14 @@ impl<'a> Linked<'a> {
                 _ => return Err(unsupported()),
             }
         }
-        // Only components of `fmu-export` have it.
+        // Only components of `fmu-export` have these.
         for (_, instance) in &linked.instances {
             let function = instance.get_typed_func::<(), u32>(&mut *store, "fmu_export_arguments");
             if let Ok(function) = function {
                 linked.arguments = Some(function.call(&mut *store, ())?);
             }
+            let cycle = instance.get_typed_func(&mut *store, "fmu_export_cycle");
+            linked.cycle = linked.cycle.or(cycle.ok());
         }
         Ok(linked)
     }
