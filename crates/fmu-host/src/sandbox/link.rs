@@ -151,7 +151,8 @@ pub(super) struct Linked<'a> {
     post_returns: Vec<Func>,
     /// The interfaces and names of what the host provides.
     imports: Vec<(&'a str, &'a str)>,
-    arguments: Option<u32>,
+    /// Which of the instances has memory for arguments, and where.
+    arguments: Option<(usize, u32)>,
     pub(super) cycle: Option<Cycling>,
 }
 
@@ -201,14 +202,13 @@ impl<'a> Linked<'a> {
                 _ => return Err(unsupported()),
             }
         }
-        // Only components of `fmu-export` have these.
-        for (_, instance) in &linked.instances {
+        // Only components of `fmu-export` have these, for the functions of the same module.
+        for (index, (_, instance)) in linked.instances.iter().enumerate() {
             let function = instance.get_typed_func::<(), u32>(&mut *store, "fmu_export_arguments");
             if let Ok(function) = function {
-                linked.arguments = Some(function.call(&mut *store, ())?);
+                linked.arguments = Some((index, function.call(&mut *store, ())?));
+                linked.cycle = instance.get_typed_func(&mut *store, "fmu_export_cycle").ok();
             }
-            let cycle = instance.get_typed_func(&mut *store, "fmu_export_cycle");
-            linked.cycle = linked.cycle.or(cycle.ok());
         }
         Ok(linked)
     }
@@ -231,7 +231,15 @@ impl<'a> Linked<'a> {
             post_return = index.map(|index| self.post_returns[index.as_u32() as usize]);
         }
         let function = self.function(store, &exported.function)?;
-        let (signature, arguments) = (exported.signature.clone(), self.arguments);
+        let signature = exported.signature.clone();
+        let arguments = match (&exported.function, self.arguments) {
+            (CoreDef::Export(of), Some((index, start)))
+                if of.instance.as_u32() as usize == index =>
+            {
+                Some(start)
+            }
+            _ => None,
+        };
         Ok(Some(Function { signature, function, memory, realloc, arguments, post_return }))
     }
 
