@@ -169,7 +169,7 @@ def test_the_next_command_removes_what_killed_sweeps_have_left_though_workers_st
     command = [PROGRAM, "sweep", "sweep.toml", "--out=runs.csv", "--threads=2"]
     for _ in range(5):
         with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL) as process:
-            wait_until(lambda: list((folder / "temporary").rglob("worker-1")), process)
+            wait_until(lambda: list((folder / "temporary").glob("*/worker-1")), process)
             process.kill()
 
     def is_empty() -> bool:

@@ -56,8 +56,8 @@ macro_rules! push {
         impl Data {
             fn push(&mut self, value: Value) {
                 match value {
-                    $(Value::$real(number) => self.bytes.extend(number.to_ne_bytes()),)*
-                    $(Value::$whole(number) => self.bytes.extend(number.to_ne_bytes()),)*
+                    $(Value::$real(number) => self.bytes.extend_from_slice(&number.to_ne_bytes()),)*
+                    $(Value::$whole(number) => self.bytes.extend_from_slice(&number.to_ne_bytes()),)*
                     Value::Boolean(value) => self.bytes.push(value.into()),
                     other => self.others.push(other),
                 }

@@ -1,6 +1,6 @@
 //! The FMU under test, and runs of it, in the child process.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -57,25 +57,29 @@ pub struct Report {
     version: FmiVersion,
     record: Record,
     calls: Mutex<Calls>,
-    functions: HashMap<&'static str, Function>,
+    /// Sorted by name: every call is looked up here.
+    functions: Vec<(&'static str, Function)>,
     service: Mutex<Service>,
 }
 
 impl Report {
     pub fn new(service: Service, version: FmiVersion) -> Self {
         let functions = Function::all().map(|(function, name)| (name, function));
+        let mut functions: Vec<_> = functions.collect();
+        functions.sort_unstable_by_key(|(name, _)| *name);
         Self {
             version,
             calls: service.record().calls(0).into(),
             record: service.record().clone(),
-            functions: functions.collect(),
+            functions,
             service: service.into(),
         }
     }
 
     pub fn call(&self, name: &str) {
-        let function = self.functions.get(name).copied();
-        lock(&self.calls).begin(function.or(Some(Function::LOADING)));
+        let found = self.functions.binary_search_by_key(&name, |(name, _)| *name);
+        let function = found.map_or(Function::LOADING, |index| self.functions[index].1);
+        lock(&self.calls).begin(Some(function));
     }
 
     /// Records what the test is about to do, such as `after fmi2Reset`.
@@ -156,6 +160,9 @@ pub struct Subject<'a> {
     /// The variables that the FMU computes and that can be compared between runs.
     pub observed: Observed<'a>,
     pub inputs: Vec<Input<'a>>,
+    /// Numbers of continuous states and of event indicators.
+    pub states: usize,
+    pub indicators: usize,
     /// The usual run, once it was made.
     usual: OnceLock<Trajectory>,
     /// Whether an instance was made.
@@ -227,6 +234,8 @@ impl<'a> Subject<'a> {
         let step = model.experiment("stepSize");
         let step = step.filter(|step| *step > 0.0 && *step <= span);
         let tolerance = model.experiment("tolerance").filter(|t| *t > 0.0);
+        let in_2 = model.root.attribute("numberOfEventIndicators");
+        let in_2 = in_2.and_then(unsigned).unwrap_or(0) as usize;
         Ok(Self {
             start,
             stop,
@@ -245,6 +254,8 @@ impl<'a> Subject<'a> {
             report,
             observed: observed(model, &task.ignored),
             inputs: inputs(model),
+            states: count(model, &model.derivatives),
+            indicators: in_2.max(count(model, &model.event_indicators)),
             usual: task.usual.clone().map_or_else(OnceLock::new, OnceLock::from),
             is_used: AtomicBool::new(false),
             logged: Arc::default(),
@@ -381,22 +392,6 @@ impl<'a> Subject<'a> {
         Observed::of(variables, self.model.version)
     }
 
-    pub fn states(&self) -> usize {
-        self.count(&self.model.derivatives)
-    }
-
-    pub fn indicators(&self) -> usize {
-        let indicators = self.model.root.attribute("numberOfEventIndicators");
-        let in_2 = indicators.and_then(unsigned).unwrap_or(0) as usize;
-        in_2.max(self.count(&self.model.event_indicators))
-    }
-
-    /// Number of elements of the variables in a list.
-    fn count(&self, unknowns: &[Unknown<'_>]) -> usize {
-        let variables = unknowns.iter().map(|u| self.model.variable(u.index));
-        variables.map(|v| v.map_or(1, |v| v.count())).sum()
-    }
-
     /// The usual run, which others are compared with.
     pub fn usual(&'a self) -> Result<&'a Trajectory> {
         if let Some(usual) = self.usual.get() {
@@ -405,6 +400,12 @@ impl<'a> Subject<'a> {
         let usual = Run::recorded(self, self.setup())?;
         Ok(self.usual.get_or_init(|| usual))
     }
+}
+
+/// Number of elements of the variables in a list.
+fn count(model: &ModelDescription<'_>, unknowns: &[Unknown<'_>]) -> usize {
+    let variables = unknowns.iter().map(|u| model.variable(u.index));
+    variables.map(|v| v.map_or(1, |v| v.count())).sum()
 }
 
 /// Whether an interface type declares a flag, named as in FMI 2.0.
@@ -603,7 +604,7 @@ impl<'a> Run<'a> {
     /// Number of continuous states that the host sees.
     fn states(&self) -> usize {
         match self.subject.kind {
-            Kind::ModelExchange => self.subject.states(),
+            Kind::ModelExchange => self.subject.states,
             Kind::CoSimulation => 0,
         }
     }
@@ -864,7 +865,7 @@ impl<'a> Run<'a> {
     }
 
     pub fn event_indicators(&mut self) -> Result<Vec<f64>> {
-        let n = self.subject.indicators();
+        let n = self.subject.indicators;
         ensure!(n <= 1 << 20, "numberOfEventIndicators is {n}, which is more than can be tested");
         Ok(match n {
             0 => Vec::new(),

@@ -634,7 +634,7 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
         // The run sets its inputs itself, so steps are taken without it.
         if subject.kind == Kind::CoSimulation {
             let _ = (1..4).try_for_each(|k| run.do_step(f64::from(k), 1.0).map(drop));
-        } else if subject.states() > 0 {
+        } else if subject.states > 0 {
             let _ = run.derivatives();
         }
         if !run.ended {
