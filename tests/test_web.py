@@ -211,7 +211,7 @@ def test_a_component_that_was_compiled_for_wasi_runs(page, tmp_path):
     assert page.locator("#message").inner_text().endswith(needed)
 
 
-def test_a_push_is_told_and_the_fmus_can_be_saved(page):
+def test_a_push_is_reported_and_the_fmus_can_be_saved(page):
     page.evaluate("running = false; restart(); shove(60)")
     angles = [
         page.evaluate("advance(1); loops.map((loop) => loop.state.theta)") for _ in range(300)

@@ -215,13 +215,16 @@ impl Function {
 
     /// The function of a name, such as `fmi3GetFloat64`.
     pub fn named(name: &str) -> Option<Self> {
-        Self::all().find_map(|(function, known)| (known == name).then_some(function))
-    }
-
-    /// All functions with their names.
-    pub fn all() -> impl Iterator<Item = (Self, &'static str)> {
-        let functions = (1..).zip(functions());
-        functions.filter_map(|(number, (name, _))| Some((Self(NonZeroU64::new(number)?), name)))
+        static SORTED: LazyLock<Vec<(&str, Function)>> = LazyLock::new(|| {
+            let functions = (1..).zip(functions());
+            let functions = functions
+                .filter_map(|(number, (name, _))| Some((name, Function(NonZeroU64::new(number)?))));
+            let mut sorted: Vec<_> = functions.collect();
+            sorted.sort_unstable_by_key(|(name, _)| *name);
+            sorted
+        });
+        let index = SORTED.binary_search_by_key(&name, |(known, _)| known).ok()?;
+        Some(SORTED[index].1)
     }
 
     /// Its name; `None` if no function has its number, because the record is damaged.

@@ -175,7 +175,7 @@ def simulate(
     import fmu_master  # here, because the demo draws a figure of the report without it
 
     try:
-        # The processes of the pool are the ones that an FMU could take along
+        # The FMUs are the project's own, so a run needs no process of its own
         result = _system(loop, fmus).simulate(output=loop.recorded(only), in_process=True)
     except fmu_master.FmuError as error:
         if may_diverge and "the simulation diverges" in str(error):

@@ -57,29 +57,21 @@ pub struct Report {
     version: FmiVersion,
     record: Record,
     calls: Mutex<Calls>,
-    /// Sorted by name: every call is looked up here.
-    functions: Vec<(&'static str, Function)>,
     service: Mutex<Service>,
 }
 
 impl Report {
     pub fn new(service: Service, version: FmiVersion) -> Self {
-        let functions = Function::all().map(|(function, name)| (name, function));
-        let mut functions: Vec<_> = functions.collect();
-        functions.sort_unstable_by_key(|(name, _)| *name);
         Self {
             version,
             calls: service.record().calls(0).into(),
             record: service.record().clone(),
-            functions,
             service: service.into(),
         }
     }
 
     pub fn call(&self, name: &str) {
-        let found = self.functions.binary_search_by_key(&name, |(name, _)| *name);
-        let function = found.map_or(Function::LOADING, |index| self.functions[index].1);
-        lock(&self.calls).begin(Some(function));
+        lock(&self.calls).begin(Function::named(name).or(Some(Function::LOADING)));
     }
 
     /// Records what the test is about to do, such as `after fmi2Reset`.
