@@ -64,8 +64,15 @@ impl Store {
     pub(crate) fn number(&self, place: Place) -> f64 {
         match place {
             Place::Real(index) => self.reals[index],
-            Place::Other(index) => number(&self.others[index]),
+            Place::Other(index) => self.other(index),
         }
+    }
+
+    /// A function of its own, which keeps the usual case short.
+    #[cold]
+    #[inline(never)]
+    fn other(&self, index: usize) -> f64 {
+        number(&self.others[index])
     }
 
     pub(crate) fn value(&self, place: Place) -> Value {
@@ -338,7 +345,9 @@ impl Wired {
             // Aliases are accessed each on its own.
             _ => {
                 self.references.push(reference);
-                self.arrays.insert(reference, self.elements);
+                if count > 1 {
+                    self.arrays.insert(reference, self.elements);
+                }
                 self.elements += count;
                 self.elements - count
             }

@@ -1,6 +1,5 @@
 //! What a process is doing, in memory that its supervisor can read even after a crash.
 
-use std::collections::HashMap;
 use std::io;
 use std::num::NonZeroU64;
 use std::path::Path;
@@ -200,31 +199,27 @@ impl Function {
 
     /// The function of a version that performs an operation, such as `get_float64`.
     pub fn of(version: Version, operation: &str) -> Option<Self> {
-        static FUNCTIONS: LazyLock<HashMap<(Version, &str), Function>> = LazyLock::new(|| {
-            let of_version = |version: Version| {
-                let each = version.functions().iter();
-                each.filter_map(move |(call, operation)| {
-                    Some(((version, *operation), Function::named(call.name)?))
-                })
-            };
-            [Version::Fmi2, Version::Fmi3].into_iter().flat_map(of_version).collect()
+        static SORTED: LazyLock<[Sorted; 2]> = LazyLock::new(|| {
+            [Version::Fmi2, Version::Fmi3].map(|version| {
+                let rows = version.functions().iter();
+                sorted(rows.filter_map(|(call, operation)| {
+                    Some((*operation, Function::named(call.name)?))
+                }))
+            })
         });
-        let functions: &HashMap<(Version, &str), Self> = &FUNCTIONS;
-        functions.get(&(version, operation)).copied()
+        find(&SORTED[version as usize], operation)
     }
 
     /// The function of a name, such as `fmi3GetFloat64`.
     pub fn named(name: &str) -> Option<Self> {
-        static SORTED: LazyLock<Vec<(&str, Function)>> = LazyLock::new(|| {
-            let functions = (1..).zip(functions());
-            let functions = functions
-                .filter_map(|(number, (name, _))| Some((name, Function(NonZeroU64::new(number)?))));
-            let mut sorted: Vec<_> = functions.collect();
-            sorted.sort_unstable_by_key(|(name, _)| *name);
-            sorted
-        });
-        let index = SORTED.binary_search_by_key(&name, |(known, _)| known).ok()?;
-        Some(SORTED[index].1)
+        static SORTED: LazyLock<Sorted> =
+            LazyLock::new(|| {
+                let functions = (1..).zip(functions());
+                sorted(functions.filter_map(|(number, (name, _))| {
+                    Some((name, Function(NonZeroU64::new(number)?)))
+                }))
+            });
+        find(&SORTED, name)
     }
 
     /// Its name; `None` if no function has its number, because the record is damaged.
@@ -240,6 +235,20 @@ impl Function {
     fn row(self) -> Option<(&'static str, &'static str)> {
         functions().nth(self.0.get() as usize - 1)
     }
+}
+
+/// Functions by their names or operations, in their order.
+type Sorted = Vec<(&'static str, Function)>;
+
+fn sorted(functions: impl Iterator<Item = (&'static str, Function)>) -> Sorted {
+    let mut sorted = Vec::from_iter(functions);
+    sorted.sort_by_key(|(name, _)| *name);
+    sorted
+}
+
+fn find(sorted: &Sorted, name: &str) -> Option<Function> {
+    let index = sorted.binary_search_by_key(&name, |(known, _)| known).ok()?;
+    Some(sorted[index].1)
 }
 
 /// The names of all functions, and the operations that they perform.

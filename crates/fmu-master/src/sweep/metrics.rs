@@ -115,9 +115,10 @@ impl Metrics {
             return false;
         }
         let Sample { time, r, y, e, u } = sample;
-        // One check for all numbers: 0 times a number that is not finite is NaN.
-        let zero: f64 = [time, r, y, e, u].iter().map(|x| 0.0 * x).sum();
-        if zero.is_nan() || e.abs() > self.options.limit {
+        // One check for nearly all samples: a sum is not finite if one of its numbers is not.
+        let is_finite = (time + r + y + e + u).is_finite()
+            || [time, r, y, e, u].iter().all(|number| number.is_finite());
+        if !is_finite || e.abs() > self.options.limit {
             self.diverge(time);
             return false;
         }
