@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from native import SOURCES, in_c
+from sweeps import table
 from test_validate import cargo_fmu, check, findings, read, write
 
 pytestmark = pytest.mark.usefixtures("program")
@@ -119,3 +120,20 @@ def test_a_crash_after_a_simulation_does_not_lose_its_results(
     assert run.returncode == 0
     assert "after the simulation" in run.stderr
     assert len(results.read_text().splitlines()) == 12
+
+
+def test_a_sweep_goes_on_if_an_fmu_refuses_to_log_less(
+    conformance: Callable[..., Path], tmp_path: Path
+) -> None:
+    fmu = conformance("LOGGING_REFUSED", CS)
+    (tmp_path / "system.toml").write_text(
+        f'stop = 1.0\nstep = 0.1\n[[component]]\nname = "a"\nfmu = "{fmu}"\n'
+    )
+    sweep, results = tmp_path / "sweep.toml", tmp_path / "results.csv"
+    sweep.write_text(
+        'system = "system.toml"\n[[parameter]]\nvariable = "a.damping"\nvalues = [0.1, 0.2]\n'
+        '[signals]\nreference = "a.limited"\noutput = "a.y"\nerror = "a.y"\ncontrol = "a.energy"\n'
+    )
+    run = cargo_fmu("sweep", sweep, "--out", results)
+    assert run.returncode == 0, run.stderr
+    assert [row["failure"] for row in table(results)] == ["", ""]

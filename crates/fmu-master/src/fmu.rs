@@ -1,6 +1,7 @@
 //! An unpacked FMU: the parts of its model description that the master needs, and its instances.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ffi::CString;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -60,11 +61,14 @@ enum Code {
 struct Binary {
     /// The file, relative to the folder.
     file: String,
-    /// Loaded by the first instance. Must be dropped before the folder, which removes the file.
-    library: OnceLock<Result<Arc<Library>, LoadError>>,
+    /// Loaded by the first instance, and the location of its resources. Must be dropped before the folder, which
+    /// removes the file.
+    library: OnceLock<Result<(Arc<Library>, String), LoadError>>,
     folder: TempDir,
     token: String,
     limits: Limits,
+    /// The log categories of warnings and errors, if it declares those of the standard.
+    problems: Vec<CString>,
 }
 
 /// A scalar variable, or an element of an array.
@@ -157,6 +161,7 @@ impl Fmu {
                     call: sandbox.call,
                     memory: sandbox.memory.map(|bytes| bytes.try_into().unwrap_or(usize::MAX)),
                 },
+                problems: problems(&root),
             }),
             only_once,
             states: states(&model),
@@ -314,7 +319,7 @@ impl Fmu {
     }
 
     fn try_instantiate(&self, index: usize, name: &str, messages: &Messages) -> Result<Instance> {
-        let Binary { file, library, folder, token, limits } = match &self.code {
+        let Binary { file, library, folder, token, limits, problems } = match &self.code {
             Code::Binary(binary) => binary,
             Code::Function(function) => {
                 return Ok(function.instantiate(name, &self.variables, messages));
@@ -322,17 +327,18 @@ impl Fmu {
         };
         let mut calls = messages.record().calls(index);
         calls.begin(Some(fmu_worker::Function::LOADING));
-        let library = library
-            .get_or_init(|| Library::load(&folder.path().join(file), self.version))
-            .as_ref()
-            .map_err(Clone::clone)?;
+        let load = || {
+            let library = Library::load(&folder.path().join(file), self.version)?;
+            let resources = library.location(&folder.path().join("resources"));
+            Ok((library, resources))
+        };
+        let (library, resources) = library.get_or_init(load).as_ref().map_err(Clone::clone)?;
         ensure!(!library.is_lost(), "it is unusable after a fatal error");
-        let resources = folder.path().join("resources");
         let arguments = Instantiation {
             name,
             kind: self.kind,
             guid: token,
-            resources: &library.location(&resources),
+            resources,
             logging_on: true,
             limits: *limits,
             ..Instantiation::default()
@@ -345,12 +351,34 @@ impl Fmu {
             (FmiVersion::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
         };
         calls.begin(fmu_worker::Function::named(function));
-        library.instantiate(&arguments, sink)?.with_context(|| {
+        let instance = library.instantiate(&arguments, sink)?;
+        let mut instance = instance.with_context(|| {
             let reason = messages.reason(function);
             reason.unwrap_or_else(|| "the FMU logged no reason".into())
-        })
+        })?;
+        if messages.are_problems() && !problems.is_empty() {
+            calls.begin(fmu_worker::Function::of(self.version, "set_debug_logging"));
+            // An FMU that cannot do so goes on logging everything.
+            let _ = instance.set_debug_logging(true, problems);
+        }
+        Ok(instance)
     }
 }
+
+/// The log categories of warnings and errors that an FMU declares (FMI 2.0.5, section 2.2.4); none if errors are not
+/// among them, because they may have any category then.
+fn problems(root: &Element<'_>) -> Vec<CString> {
+    let declared = root.list("LogCategories", "Category").filter_map(|c| c.attribute("name"));
+    let is_problem = |name: &&str| PROBLEMS.contains(name);
+    let problems = Vec::from_iter(declared.filter(is_problem));
+    match problems.contains(&PROBLEMS[0]) {
+        true => problems.into_iter().filter_map(|name| CString::new(name).ok()).collect(),
+        false => Vec::new(),
+    }
+}
+
+const PROBLEMS: [&str; 4] =
+    ["logStatusError", "logStatusFatal", "logStatusDiscard", "logStatusWarning"];
 
 /// Values of structural parameters by their names.
 pub(crate) type Sizes = BTreeMap<String, i128>;
@@ -531,4 +559,22 @@ pub(crate) fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> V
         .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.into_iter().take(3).map(|(_, known)| known).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_categories_of_problems_are_known_if_errors_have_one() {
+        let found = |names: &[&'static str]| {
+            let category = |name: &&'static str| Element::new("Category").with("name", *name);
+            let categories = names.iter().map(category);
+            problems(&Element::new("root").listing("LogCategories", categories.collect()))
+        };
+        let standard = found(&["logStatusWarning", "logEvents", "logStatusError", "logAll"]);
+        assert_eq!(standard, [c"logStatusWarning".to_owned(), c"logStatusError".to_owned()]);
+        assert!(found(&["logStatusWarning", "error"]).is_empty());
+        assert!(found(&[]).is_empty());
+    }
 }

@@ -35,13 +35,23 @@ pub struct Messages(Arc<Shared>);
 struct Shared {
     kept: Mutex<Vec<Message>>,
     record: Record,
+    are_problems: bool,
 }
 
 impl Messages {
     /// The messages of a simulation whose calls are recorded.
     pub fn recorded(record: Record) -> Self {
-        let kept = Mutex::default();
-        Self(Arc::new(Shared { kept, record }))
+        Self(Arc::new(Shared { kept: Mutex::default(), record, are_problems: false }))
+    }
+
+    /// The same, from FMUs that are asked for warnings and errors only, if they can be: other messages take time, and a
+    /// run of a sweep that succeeds shows none.
+    pub(crate) fn of_problems(record: Record) -> Self {
+        Self(Arc::new(Shared { kept: Mutex::default(), record, are_problems: true }))
+    }
+
+    pub(crate) fn are_problems(&self) -> bool {
+        self.0.are_problems
     }
 
     /// Takes the messages logged so far.

@@ -300,7 +300,7 @@ impl Study {
     }
 
     fn initialize(&self, index: u64, record: &Record) -> Result<Simulation<'_>> {
-        let messages = Messages::recorded(record.clone());
+        let messages = Messages::of_problems(record.clone());
         let starts = self.starts(index);
         let simulation = starts.and_then(|starts| self.plan.simulate(&starts, &messages));
         simulation.with_context(|| format!("run {index}"))
