@@ -116,7 +116,9 @@ ssp: fmus
 
 ## judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
 judge: fmus $(VENV)/.judge
-	$(WITH_CLANG) cargo test --locked --package fmi-judge
+	# With the other packages, so that fewer dependencies are compiled again with other features.
+	$(WITH_CLANG) cargo test --locked --workspace --exclude fuzz --exclude bench \
+		--test bits --test model_exchange --test signatures
 
 ## importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md
 importers: fmus $(VENV)/.test $(VENV)/.judge
