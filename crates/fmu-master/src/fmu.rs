@@ -365,8 +365,8 @@ impl Fmu {
     }
 }
 
-/// The log categories of warnings and errors that an FMU declares (FMI 2.0.5, section 2.2.4); none if errors are not
-/// among them, because they may have any category then.
+/// The log categories of warnings and errors that an FMU declares (FMI 2.0.5, section 2.2.4). None if it has no category
+/// for errors, because it may then log them in any category.
 fn problems(root: &Element<'_>) -> Vec<CString> {
     let declared = root.list("LogCategories", "Category").filter_map(|c| c.attribute("name"));
     let is_problem = |name: &&str| PROBLEMS.contains(name);
@@ -377,6 +377,7 @@ fn problems(root: &Element<'_>) -> Vec<CString> {
     }
 }
 
+/// The standard's log categories of warnings and errors; the first is for errors.
 const PROBLEMS: [&str; 4] =
     ["logStatusError", "logStatusFatal", "logStatusDiscard", "logStatusWarning"];
 
