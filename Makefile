@@ -115,8 +115,8 @@ ssp: fmus
 	$(FMU) ssp examples/ssp/*.toml
 
 ## judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
+# With the other packages, so that fewer dependencies are compiled again with other features.
 judge: fmus $(VENV)/.judge
-	# With the other packages, so that fewer dependencies are compiled again with other features.
 	$(WITH_CLANG) cargo test --locked --workspace --exclude fuzz --exclude bench \
 		--test bits --test model_exchange --test signatures
 

@@ -110,13 +110,19 @@ def test_nothing_is_left_behind(
     assert list(folder.iterdir()) == []
 
 
+def alone(fmu: Path) -> Path:
+    """Write a system that consists of an FMU, beside it."""
+    system = fmu.with_name("system.toml")
+    system.write_text(f'stop = 1.0\nstep = 0.1\n[[component]]\nname = "a"\nfmu = "{fmu}"\n')
+    return system
+
+
 def test_a_crash_after_a_simulation_does_not_lose_its_results(
     conformance: Callable[..., Path], tmp_path: Path
 ) -> None:
     fmu = conformance("UNLOAD_CRASHES", CS)
-    system, results = tmp_path / "system.toml", tmp_path / "results.csv"
-    system.write_text(f'stop = 1.0\nstep = 0.1\n[[component]]\nname = "a"\nfmu = "{fmu}"\n')
-    run = cargo_fmu("simulate", system, "--csv", results)
+    results = tmp_path / "results.csv"
+    run = cargo_fmu("simulate", alone(fmu), "--csv", results)
     assert run.returncode == 0
     assert "after the simulation" in run.stderr
     assert len(results.read_text().splitlines()) == 12
@@ -126,12 +132,9 @@ def test_a_sweep_goes_on_if_an_fmu_refuses_to_log_less(
     conformance: Callable[..., Path], tmp_path: Path
 ) -> None:
     fmu = conformance("LOGGING_REFUSED", CS)
-    (tmp_path / "system.toml").write_text(
-        f'stop = 1.0\nstep = 0.1\n[[component]]\nname = "a"\nfmu = "{fmu}"\n'
-    )
     sweep, results = tmp_path / "sweep.toml", tmp_path / "results.csv"
     sweep.write_text(
-        'system = "system.toml"\n[[parameter]]\nvariable = "a.damping"\nvalues = [0.1, 0.2]\n'
+        f'system = "{alone(fmu)}"\n[[parameter]]\nvariable = "a.damping"\nvalues = [0.1, 0.2]\n'
         '[signals]\nreference = "a.limited"\noutput = "a.y"\nerror = "a.y"\ncontrol = "a.energy"\n'
     )
     run = cargo_fmu("sweep", sweep, "--out", results)

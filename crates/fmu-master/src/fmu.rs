@@ -9,7 +9,9 @@ use std::sync::{Arc, OnceLock};
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
-use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variable};
+use fmu_description::{
+    Causality, FmiVersion, LOG_CATEGORIES, Listed, ModelDescription, Type, Value, Variable,
+};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
 use fmu_host::{Instance, Instantiation, Kind, Library, Limits, LoadError};
@@ -356,7 +358,7 @@ impl Fmu {
             let reason = messages.reason(function);
             reason.unwrap_or_else(|| "the FMU logged no reason".into())
         })?;
-        if messages.are_problems() && !problems.is_empty() {
+        if messages.only_problems() && !problems.is_empty() {
             calls.begin(fmu_worker::Function::of(self.version, "set_debug_logging"));
             // An FMU that cannot do so goes on logging everything.
             let _ = instance.set_debug_logging(true, problems);
@@ -369,17 +371,14 @@ impl Fmu {
 /// for errors, because it may then log them in any category.
 fn problems(root: &Element<'_>) -> Vec<CString> {
     let declared = root.list("LogCategories", "Category").filter_map(|c| c.attribute("name"));
-    let is_problem = |name: &&str| PROBLEMS.contains(name);
-    let problems = Vec::from_iter(declared.filter(is_problem));
-    match problems.contains(&PROBLEMS[0]) {
-        true => problems.into_iter().filter_map(|name| CString::new(name).ok()).collect(),
-        false => Vec::new(),
-    }
+    let of_statuses = declared.filter(|name| name.starts_with("logStatus"));
+    let known = |name: &str| {
+        let mut known = LOG_CATEGORIES.iter().map(|(known, _)| *known);
+        known.find(|known| known.to_bytes() == name.as_bytes())
+    };
+    let problems = Vec::from_iter(of_statuses.filter_map(known).map(ToOwned::to_owned));
+    if problems.contains(&c"logStatusError".to_owned()) { problems } else { Vec::new() }
 }
-
-/// The standard's log categories of warnings and errors; the first is for errors.
-const PROBLEMS: [&str; 4] =
-    ["logStatusError", "logStatusFatal", "logStatusDiscard", "logStatusWarning"];
 
 /// Values of structural parameters by their names.
 pub(crate) type Sizes = BTreeMap<String, i128>;

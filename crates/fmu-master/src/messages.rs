@@ -35,23 +35,24 @@ pub struct Messages(Arc<Shared>);
 struct Shared {
     kept: Mutex<Vec<Message>>,
     record: Record,
-    are_problems: bool,
+    /// Whether FMUs are asked for warnings and errors only.
+    only_problems: bool,
 }
 
 impl Messages {
     /// The messages of a simulation whose calls are recorded.
     pub fn recorded(record: Record) -> Self {
-        Self(Arc::new(Shared { kept: Mutex::default(), record, are_problems: false }))
+        Self(Arc::new(Shared { kept: Mutex::default(), record, only_problems: false }))
     }
 
     /// The same, from FMUs that are asked for warnings and errors only, if they can be: other messages take time, and a
     /// run of a sweep that succeeds shows none.
     pub(crate) fn of_problems(record: Record) -> Self {
-        Self(Arc::new(Shared { kept: Mutex::default(), record, are_problems: true }))
+        Self(Arc::new(Shared { kept: Mutex::default(), record, only_problems: true }))
     }
 
-    pub(crate) fn are_problems(&self) -> bool {
-        self.0.are_problems
+    pub(crate) fn only_problems(&self) -> bool {
+        self.0.only_problems
     }
 
     /// Takes the messages logged so far.

@@ -200,7 +200,7 @@ impl Function {
     /// The function of a version that performs an operation, such as `get_float64`.
     pub fn of(version: Version, operation: &str) -> Option<Self> {
         static SORTED: LazyLock<[Sorted; 2]> = LazyLock::new(|| {
-            [Version::Fmi2, Version::Fmi3].map(|version| {
+            Version::ALL.map(|version| {
                 let rows = version.functions().iter();
                 sorted(rows.filter_map(|(call, operation)| {
                     Some((*operation, Function::named(call.name)?))
@@ -253,8 +253,7 @@ fn find(sorted: &Sorted, name: &str) -> Option<Function> {
 
 /// The names of all functions, and the operations that they perform.
 fn functions() -> impl Iterator<Item = (&'static str, &'static str)> {
-    let versions = [Version::Fmi2, Version::Fmi3].into_iter();
-    let rows = versions.flat_map(|version| version.functions());
+    let rows = Version::ALL.into_iter().flat_map(Version::functions);
     let rows = rows.map(|(call, operation)| (call.name, *operation));
     [("loading the binary", "load")].into_iter().chain(rows)
 }
