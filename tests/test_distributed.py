@@ -83,7 +83,7 @@ def test_a_sweep_whose_coordinator_ends_is_resumed(sweep, tmp_path, number, grou
     (tmp_path / "pid").write_text(f"{group}{process.pid}")
     _, errors = process.communicate()
     if number == "INT":
-        assert process.returncode == 130
+        assert process.returncode == 130, errors
         assert errors == "error: interrupted; run the same command to resume\n"
     with journal_of(out).open() as journal:
         fcntl.flock(journal, fcntl.LOCK_EX)  # until the program that collects the rows has ended
@@ -91,6 +91,28 @@ def test_a_sweep_whose_coordinator_ends_is_resumed(sweep, tmp_path, number, grou
     assert len(set(before)) == len(before) < 32
     assert f"{32 - len(before)} runs in " in local(sweep, out).stdout
     assert out.read_bytes() == expected(sweep)
+
+
+def test_an_interrupt_during_garbage_collection_is_not_lost(sweep, tmp_path):
+    """Python ignores exceptions in `__del__`, too."""
+    code = """
+import signal, sys, time
+from pendulum_fmus import sweep
+
+class Interrupting:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+def wait(options):
+    Interrupting()
+    time.sleep(600)
+
+sweep.sweep = wait
+sys.exit(sweep.main())
+"""
+    done = subprocess.run([sys.executable, "-c", code, sweep], capture_output=True, check=False)
+    assert done.returncode == 130
+    assert done.stderr == b"error: interrupted; run the same command to resume\n"
 
 
 @contextlib.contextmanager

@@ -22,9 +22,12 @@ workers, and a worker can send anything to the coordinator. Use a trusted networ
 
 import argparse
 import logging
+import os
+import signal
 import sys
 from concurrent.futures import CancelledError
 from pathlib import Path
+from threading import Timer
 
 from pendulum_fmus.project import extra
 
@@ -40,7 +43,9 @@ PROG = "python -m pendulum_fmus.sweep"
 LOCAL = {
     "threads_per_worker": 1,
     "host": "127.0.0.1",
-    "dashboard_address": None,
+    # Without an address, Dask's HTTP server listens on port 8787 of all network interfaces.
+    "dashboard_address": "127.0.0.1:0",
+    "scheduler_kwargs": {"dashboard": False},
     "silence_logs": logging.CRITICAL,
     # The coordinator reacts to Ctrl-C and reports errors.
     "preload": "import os, signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
@@ -61,6 +66,17 @@ def sweep(options: argparse.Namespace) -> int:
     return code
 
 
+def interrupt_again(ignored: "sys.UnraisableHookArgs") -> None:
+    """Interrupt this process once more if Python has ignored the first interrupt.
+
+    Python ignores exceptions in the callbacks of its garbage collection, one of which is Dask's.
+    """
+    if ignored.exc_type is KeyboardInterrupt:
+        Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(ignored)
+
+
 def main() -> int:
     """Run the script; return its exit status."""
     about = argparse.RawDescriptionHelpFormatter
@@ -78,6 +94,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.program and not options.program.is_file():
         parser.error(f"there is no {options.program}; `make fmus` builds it")
+    sys.unraisablehook = interrupt_again
     logging.disable()  # Dask recovers from lost workers; a lost scheduler is reported here
     try:
         return sweep(options)
