@@ -4,6 +4,8 @@
 PYTHON ?= python3
 VENV := target/venv
 RUN := $(VENV)/bin/python
+# Some container images turn off the files that make an import several times as fast.
+export PYTHONDONTWRITEBYTECODE :=
 SECONDS ?= 60
 REPORT ?= target/report
 BUILT ?= target/built
