@@ -5,14 +5,14 @@ use std::fmt::Display;
 use std::sync::Arc;
 
 use anyhow::Result;
-use fmu_description::{Causality, Value};
+use fmu_description::{Causality, Type, Value};
 use fmu_host::{Cause, Instance, Kind, Listed, Status, Success, operation};
 use fmu_worker::{Calls, Function};
 
 use crate::exchange::{self, Calling, Exchange, Functions, Trouble};
 use crate::input::Signals;
 use crate::plan::Planned;
-use crate::wiring::{Ports, Source, Store, Wired, number};
+use crate::wiring::{Feed, Ports, Store, Wired, number};
 use crate::{Failure, Fmu, Messages};
 
 /// The outcome of a call.
@@ -102,29 +102,28 @@ impl<'a> Component<'a> {
         &mut self,
         (start, stop): (f64, Option<f64>),
         tolerance: Option<f64>,
-        starts: BTreeMap<usize, &Value>,
+        starts: &BTreeMap<usize, &Value>,
     ) -> Called {
         self.call("setup_experiment", "set-up of the experiment", |instance| {
             instance.setup_experiment(start, stop, tolerance)
         })?;
         let fmu = self.fmu.clone();
-        let (sizes, starts): (BTreeMap<_, _>, _) = (starts.into_iter()).partition(|(index, _)| {
-            fmu.variable(*index).causality == Causality::StructuralParameter
-        });
-        if !sizes.is_empty() {
+        let is_size =
+            |scalar: &usize| fmu.variable(*scalar).causality == Causality::StructuralParameter;
+        if starts.keys().any(is_size) {
             self.call(
                 "enter_configuration_mode",
                 "start of the configuration",
                 Instance::enter_configuration_mode,
             )?;
-            self.start(&sizes)?;
+            self.start(starts, is_size)?;
             self.call(
                 "exit_configuration_mode",
                 "end of the configuration",
                 Instance::exit_configuration_mode,
             )?;
         }
-        self.start(&starts)
+        self.start(starts, |scalar| !is_size(scalar))
     }
 
     pub(crate) fn enter_initialization(&mut self) -> Called {
@@ -299,7 +298,7 @@ impl<'a> Component<'a> {
     #[inline(never)]
     fn read_others(&mut self, outputs: &mut Store) -> Called {
         for ports in self.distributed {
-            let values = self.get(ports, &ports.outputs)?;
+            let values = self.get(ports.kind, ports.get, &ports.outputs)?;
             for (index, value) in values.into_iter().enumerate() {
                 outputs.set(ports.first.plus(index), value);
             }
@@ -308,15 +307,18 @@ impl<'a> Component<'a> {
     }
 
     /// Gets scalars of one type, which may be some elements of arrays.
-    fn get(&mut self, ports: &Ports, scalars: &Wired) -> Called<Vec<Value>> {
+    fn get(&mut self, kind: Type, get: Option<Function>, scalars: &Wired) -> Called<Vec<Value>> {
         if scalars.references.is_empty() {
             return Ok(Vec::new());
         }
         let mut all = vec![Value::Boolean(false); scalars.elements];
-        self.calls.begin(ports.get);
-        let outcome = (self.instance).get_values(ports.kind, &scalars.references, &mut all);
+        self.calls.begin(get);
+        let outcome = (self.instance).get_values(kind, &scalars.references, &mut all);
         if outcome != Ok(Success::Ok) {
             self.explain_reading(outcome, scalars)?;
+        }
+        if scalars.are_all {
+            return Ok(all);
         }
         let positions = scalars.positions.iter();
         let take = |position: &usize| std::mem::replace(&mut all[*position], Value::Boolean(false));
@@ -422,11 +424,15 @@ impl<'a> Component<'a> {
         self.explain(outcome, || what)
     }
 
-    /// Sets start values; those of an array together, with those that the model description has for the
-    /// others.
-    pub(crate) fn start(&mut self, starts: &BTreeMap<usize, &Value>) -> Called {
+    /// Sets the start values that are wanted; those of an array together, with those that the model description
+    /// has for the others.
+    fn start(
+        &mut self,
+        starts: &BTreeMap<usize, &Value>,
+        is_wanted: impl Fn(&usize) -> bool,
+    ) -> Called {
         let fmu = self.fmu.clone();
-        let mut given = starts.keys().copied().peekable();
+        let mut given = starts.keys().copied().filter(is_wanted).peekable();
         while let Some(scalar) = given.next() {
             let array = fmu.array(scalar);
             let mut wired = Wired::default();
@@ -476,24 +482,15 @@ pub(crate) fn initial(inputs: &Wired, fmu: &Fmu, starts: &BTreeMap<usize, &Value
 pub(crate) fn propagate(
     components: &mut [Component<'_>],
     fed: usize,
+    feeds: &[Feed],
     outputs: &mut Store,
 ) -> Called<bool> {
     let mut changed = false;
-    for ports in components[fed].ports {
-        let same = |a: &Source, b: &Source| (a.component, a.kind) == (b.component, b.kind);
-        for sources in ports.sources.chunk_by(same) {
-            let Some(feeding) = sources[0].component else { continue };
-            let component = &mut components[feeding];
-            let mut scalars = Wired::default();
-            for source in sources {
-                scalars.push(&component.fmu, source.scalar);
-            }
-            let is_same = |ports: &&Ports| ports.kind == sources[0].kind;
-            let Some(from) = component.ports.iter().find(is_same) else { continue };
-            for (source, value) in sources.iter().zip(component.get(from, &scalars)?) {
-                changed |= outputs.value(source.output) != value;
-                outputs.set(source.output, value);
-            }
+    for feed in feeds {
+        let values = components[feed.component].get(feed.kind, feed.get, &feed.outputs)?;
+        for (place, value) in feed.places.iter().zip(values) {
+            changed |= outputs.value(*place) != value;
+            outputs.set(*place, value);
         }
     }
     // The same inputs are written again and again.

@@ -1,5 +1,7 @@
 //! One run of a system.
 
+use std::collections::BTreeMap;
+
 use anyhow::Result;
 use fmu_description::{Type, Value};
 use fmu_host::Instance;
@@ -94,12 +96,14 @@ impl Plan {
     pub fn simulate(&self, starts: &[Start], messages: &Messages) -> Result<Simulation<'_>> {
         messages.record().at(f64::NAN);
         messages.record().step(self.experiment.step);
+        let starts = (0..self.components.len()).map(|index| self.starts(index, starts));
+        let starts = Vec::from_iter(starts);
         let ports = self.components.iter().zip(&self.wiring.components);
-        let components = ports.enumerate().map(|(index, (planned, ports))| {
-            let starts = self.starts(index, starts);
-            planned.check_arrays(&starts)?;
-            Component::new(index, planned, ports, &starts, messages)
-        });
+        let components =
+            ports.zip(&starts).enumerate().map(|(index, ((planned, ports), starts))| {
+                planned.check_arrays(starts)?;
+                Component::new(index, planned, ports, starts, messages)
+            });
         let mut simulation = Simulation {
             plan: self,
             components: components.collect::<Result<_>>()?,
@@ -108,21 +112,21 @@ impl Plan {
             lines: self.wiring.lines.clone(),
             messages: messages.clone(),
         };
-        simulation.initialize(starts).map_err(|failure| *failure)?;
+        simulation.initialize(&starts).map_err(|failure| *failure)?;
         Ok(simulation)
     }
 }
 
 impl Simulation<'_> {
     /// Initializes with the calls of FMPy, in its order.
-    fn initialize(&mut self, starts: &[Start]) -> Called {
+    fn initialize(&mut self, starts: &[BTreeMap<usize, &Value>]) -> Called {
         let plan = self.plan;
         let (start, end) = (plan.experiment.start, plan.end());
         self.messages.record().at(start);
         self.feed(start);
         for (index, component) in self.components.iter_mut().enumerate() {
             let tolerance = plan.components[index].tolerance;
-            component.set_up((start, Some(end)), tolerance, plan.starts(index, starts))?;
+            component.set_up((start, Some(end)), tolerance, &starts[index])?;
         }
         let entered = self.components.iter_mut().try_for_each(Component::enter_initialization);
         let propagated = entered.and_then(|()| self.propagate());
@@ -131,10 +135,10 @@ impl Simulation<'_> {
         let begun = exited.and_then(|()| {
             let components = self.components.iter_mut().zip(&plan.components);
             components.enumerate().try_for_each(|(index, (component, planned))| {
-                let (fmu, starts) = (&planned.fmu, plan.starts(index, starts));
-                let ports = &plan.wiring.components[index];
+                let (fmu, ports) = (&planned.fmu, &plan.wiring.components[index]);
                 let signals = plan.input.as_ref();
-                let signals = signals.and_then(|i| Signals::new(i, index, fmu, ports, &starts));
+                let signals =
+                    signals.and_then(|i| Signals::new(i, index, fmu, ports, &starts[index]));
                 component.begin(signals, planned.tolerance, (start, plan.experiment.step))
             })
         });
@@ -156,7 +160,8 @@ impl Simulation<'_> {
         for _ in 0..=self.components.len() {
             let mut changed = false;
             for fed in 0..self.components.len() {
-                changed |= propagate(&mut self.components, fed, &mut self.outputs)?;
+                let feeds = &self.plan.wiring.feeds[fed];
+                changed |= propagate(&mut self.components, fed, feeds, &mut self.outputs)?;
             }
             if !changed {
                 break;

@@ -269,7 +269,7 @@ impl Single {
         let starts = starts.iter().map(|(scalar, value)| (*scalar, value));
         let own = self.planned.starts.iter().map(|(scalar, value)| (*scalar, value));
         let all = own.chain(starts).collect();
-        self.component.set_up((self.time, None), tolerance, all)?;
+        self.component.set_up((self.time, None), tolerance, &all)?;
         self.component.enter_initialization()?;
         self.component.exit_initialization()?;
         self.component.begin(None, tolerance, (self.time, f64::INFINITY))?;

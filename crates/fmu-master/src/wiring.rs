@@ -119,6 +119,8 @@ pub(crate) struct Wiring {
     /// The variables of each component: those of the type Float64, then those of each other type, which are
     /// rare.
     pub(crate) components: Vec<Vec<Ports>>,
+    /// What feeds each component during the initialization.
+    pub(crate) feeds: Vec<Vec<Feed>>,
     /// The number of outputs of all components: those of the type Float64, and the others.
     pub(crate) counts: [usize; 2],
     /// The recorded variables of continuous components, whose values before a step are recorded.
@@ -166,19 +168,27 @@ pub(crate) struct Ports {
 pub(crate) struct Source {
     /// `None` for the input file.
     pub(crate) component: Option<usize>,
-    /// Its index in the FMU, and the type whose functions get it.
-    pub(crate) scalar: usize,
-    pub(crate) kind: Type,
     /// Its place among the outputs of all components, or the place of what a connection with faults delivers.
     pub(crate) output: Place,
     pub(crate) scale: Option<Scale>,
+}
+
+/// Outputs of one component and type that feed another component.
+pub(crate) struct Feed {
+    pub(crate) component: usize,
+    /// The type whose functions get them, and this function.
+    pub(crate) kind: Type,
+    pub(crate) get: Option<Function>,
+    pub(crate) outputs: Wired,
+    /// The place of each among the outputs of all components.
+    pub(crate) places: Vec<Place>,
 }
 
 impl Ports {
     fn new(version: FmiVersion, kind: Type) -> Self {
         Self {
             kind,
-            get: Function::of(version, &operation("get", kind)),
+            get: getter(version, kind),
             set: Function::of(version, &operation("set", kind)),
             inputs: Wired::default(),
             sources: Vec::new(),
@@ -253,6 +263,7 @@ impl Wiring {
         let mut links = Vec::from_iter(links);
         links.sort_by_key(|link| link.from.component);
         let mut lines = vec![Vec::new(); components.len()];
+        let mut feeds = Vec::from_iter(components.iter().map(|_| Vec::<Feed>::new()));
         let mut ranks = 0..;
         for Link { from, to, scale, faults } in links {
             let ports = Ports::of(&mut wired, components, *to);
@@ -266,13 +277,19 @@ impl Wiring {
                 lines[to.component].push(Line { from: output, to: counts[0], stages });
                 output = Place::next(Type::Float64, &mut counts);
             }
-            ports.sources.push(Source {
-                component: Some(from.component),
-                scalar: from.scalar,
-                kind: from.access(components),
-                output,
-                scale: *scale,
+            let Port { component, scalar } = *from;
+            ports.sources.push(Source { component: Some(component), output, scale: *scale });
+            let (fmu, kind) = (&components[component].fmu, from.access(components));
+            let feeds = &mut feeds[to.component];
+            let found = feeds.iter().position(|f| (f.component, f.kind) == (component, kind));
+            let index = found.unwrap_or_else(|| {
+                let get = getter(fmu.version, kind);
+                let (outputs, places) = (Wired::default(), Vec::new());
+                feeds.push(Feed { component, kind, get, outputs, places });
+                feeds.len() - 1
             });
+            feeds[index].outputs.push(fmu, scalar);
+            feeds[index].places.push(output);
         }
         let mut fed = Vec::new();
         for port in input.iter().flat_map(|input| input.ports()) {
@@ -280,13 +297,7 @@ impl Wiring {
             let output = Place::next(ports.kind, &mut counts);
             fed.push(output);
             ports.inputs.push(&components[port.component].fmu, port.scalar);
-            ports.sources.push(Source {
-                component: None,
-                scalar: port.scalar,
-                kind: ports.kind,
-                output,
-                scale: None,
-            });
+            ports.sources.push(Source { component: None, output, scale: None });
         }
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
             let pairs = reals.sources.iter().zip(&reals.inputs.positions);
@@ -310,8 +321,12 @@ impl Wiring {
             && before.others.is_empty()
             && after.others.is_empty()
             && wired.iter().all(|all| all.len() == 1 && all[0].is_plain());
-        Self { components: wired, counts, before, after, lines, fed, is_plain }
+        Self { components: wired, feeds, counts, before, after, lines, fed, is_plain }
     }
+}
+
+fn getter(version: FmiVersion, kind: Type) -> Option<Function> {
+    Function::of(version, &operation("get", kind))
 }
 
 /// Scalars, and the variables with which they are got or set.
