@@ -4,7 +4,7 @@
 PYTHON ?= python3
 VENV := target/venv
 RUN := $(VENV)/bin/python
-# Some container images turn off the files that make an import several times as fast.
+# Some container images turn off the cache of bytecode, without which imports take several times as long.
 export PYTHONDONTWRITEBYTECODE :=
 SECONDS ?= 60
 REPORT ?= target/report
@@ -120,7 +120,7 @@ ssp: fmus
 # With the other packages, so that fewer dependencies are compiled again with other features.
 judge: fmus $(VENV)/.judge
 	$(WITH_CLANG) cargo test --locked --workspace --exclude fuzz --exclude bench \
-		--test bits --test model_exchange --test signatures
+		$(addprefix --test ,$(basename $(notdir $(wildcard crates/fmi-judge/tests/*))))
 
 ## importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md
 importers: fmus $(VENV)/.test $(VENV)/.judge

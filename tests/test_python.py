@@ -408,7 +408,7 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
     assert list(fields)[:3] == ["index", "controller.pid.kp", "plant.M"]
     assert [fields[name] for name in ("index", "iae", "diverged")] == ["int64", "double", "bool"]
     # Without a file, by a temporary one in CSV.
-    with Client(processes=False, dashboard_address=None) as client:
+    with Client(processes=False, dashboard_address="127.0.0.1:0") as client:
         distributed = Sweep(plan, system, signals=SIGNALS).dask(client)
     for name in runs:
         np.testing.assert_array_equal(distributed[name], runs[name])
@@ -421,7 +421,7 @@ def test_a_run_that_crashes_is_a_row_of_a_sweep_of_a_frame_also_on_dask(faulty):
     signals = {"reference": "r", "output": "y", "error": "e", "control": "u"}
     frames = pandas.DataFrame(plan), polars.DataFrame(plan)
     all_ = [Sweep(frame, System(faulty), signals=signals, stop=1.0) for frame in frames]
-    with Client(processes=False, dashboard_address=None) as client:
+    with Client(processes=False, dashboard_address="127.0.0.1:0") as client:
         tables = [all_[0].run(), all_[1].run(), all_[1].dask(client)]
     for runs in tables:
         assert runs["at"].tolist() == plan["at"]

@@ -159,8 +159,7 @@ impl Simulation<'_> {
     fn propagate(&mut self) -> Called {
         for _ in 0..=self.components.len() {
             let mut changed = false;
-            for fed in 0..self.components.len() {
-                let feeds = &self.plan.wiring.feeds[fed];
+            for (fed, feeds) in self.plan.wiring.feeds.iter().enumerate() {
                 changed |= propagate(&mut self.components, fed, feeds, &mut self.outputs)?;
             }
             if !changed {

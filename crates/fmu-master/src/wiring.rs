@@ -184,6 +184,21 @@ pub(crate) struct Feed {
     pub(crate) places: Vec<Place>,
 }
 
+impl Feed {
+    /// The feed from which a port is read.
+    fn of<'a>(all: &'a mut Vec<Self>, components: &[Planned], port: Port) -> &'a mut Self {
+        let (component, kind) = (port.component, port.access(components));
+        let found = all.iter().position(|feed| (feed.component, feed.kind) == (component, kind));
+        let index = found.unwrap_or_else(|| {
+            let get = getter(components[component].fmu.version, kind);
+            let (outputs, places) = (Wired::default(), Vec::new());
+            all.push(Self { component, kind, get, outputs, places });
+            all.len() - 1
+        });
+        &mut all[index]
+    }
+}
+
 impl Ports {
     fn new(version: FmiVersion, kind: Type) -> Self {
         Self {
@@ -279,17 +294,9 @@ impl Wiring {
             }
             let Port { component, scalar } = *from;
             ports.sources.push(Source { component: Some(component), output, scale: *scale });
-            let (fmu, kind) = (&components[component].fmu, from.access(components));
-            let feeds = &mut feeds[to.component];
-            let found = feeds.iter().position(|f| (f.component, f.kind) == (component, kind));
-            let index = found.unwrap_or_else(|| {
-                let get = getter(fmu.version, kind);
-                let (outputs, places) = (Wired::default(), Vec::new());
-                feeds.push(Feed { component, kind, get, outputs, places });
-                feeds.len() - 1
-            });
-            feeds[index].outputs.push(fmu, scalar);
-            feeds[index].places.push(output);
+            let feed = Feed::of(&mut feeds[to.component], components, *from);
+            feed.outputs.push(&components[component].fmu, scalar);
+            feed.places.push(output);
         }
         let mut fed = Vec::new();
         for port in input.iter().flat_map(|input| input.ports()) {
