@@ -604,6 +604,18 @@ def test_values_are_converted_between_all_types(sums, tmp_path):
     }  # fmt: skip
 
 
+def test_an_element_of_an_array_feeds_several_inputs_during_the_initialization(tmp_path):
+    in_c(tmp_path / "Vector.fmu", "START_W=10, 20, 30")
+    names = ["b.r", "b.y", "b.d"]
+    links, options = [f"a.w[1] -> {name}" for name in names], {"own": {"sampled": False}}
+    parts = {"a": {}, "b": {}}
+    system = write_system(tmp_path, parts, links, "Vector", outputs=names, **options)
+    head, _, tail = system.read_text(encoding="utf-8").rpartition("Vector.fmu")
+    system.write_text(f"{head}{FMUS}/Pid_fmi3.fmu{tail}", encoding="utf-8")
+    columns = simulate(system, tmp_path)
+    assert [columns[name][0] for name in names] == [10.0] * 3
+
+
 TYPED = {
     # name: type in Parquet, text in CSV, value in Parquet
     "time [s]": ("double", "1.0", 1.0),

@@ -8,6 +8,10 @@
 #include <string.h>
 
 enum { OK, ERROR = 3, MOST = 8 };
+#ifndef START_W
+#define START_W 0
+#endif
+
 enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6, COUNT = 7 };
 
 typedef struct {
@@ -24,7 +28,7 @@ typedef const unsigned *References;
 static void restart(Vector *v) {
     const uint64_t n = v->n;
     (void)n;
-    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false, false, v->event_mode, 0, 0, v->update, v->environment};
+    const Vector start = {3, {START_W}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false, false, v->event_mode, 0, 0, v->update, v->environment};
 #ifdef RESET
     const double kept = v->w[1];
     *v = start;

@@ -320,9 +320,8 @@ impl<'a> Component<'a> {
         if scalars.are_all {
             return Ok(all);
         }
-        let positions = scalars.positions.iter();
-        let take = |position: &usize| std::mem::replace(&mut all[*position], Value::Boolean(false));
-        Ok(positions.map(take).collect())
+        // An element may feed several inputs.
+        Ok(scalars.positions.iter().map(|position| all[*position].clone()).collect())
     }
 
     #[cold]
