@@ -1,6 +1,7 @@
 """The Python module `fmu_master`."""
 
 import _thread
+import math
 import re
 import signal
 import subprocess
@@ -33,7 +34,7 @@ from fmu_master import (
     sweep,
 )
 from fmu_master._command import COMMAND
-from native import LOOPS, run
+from native import LOOPS, in_c, run
 from native import simulate as by_command_line
 from sweeps import done, journal_of
 from test_crashes import FAULTS, faulty
@@ -264,6 +265,21 @@ def test_model_exchange_gives_states_and_derivatives_of_the_linear_pendulum(fmus
         plant.continuous_states = [theta, omega, x, v]
         assert plant.get(names).tolist() == plant.continuous_states.tolist()
         np.testing.assert_allclose(plant.derivatives(), rates, rtol=1e-9)
+
+
+def test_a_step_by_model_exchange_can_be_repeated_after_a_failure(tmp_path):
+    refuse = "static int refused; if (c->a[0] > 0 && !refused++) return 2"
+    fmu = in_c(tmp_path / "Hopper.fmu", f"ON_DERIVATIVES={refuse}")
+    with Instance(fmu, in_process=True) as hopper:
+        for step in (math.nan, -0.1, 0.0):
+            with pytest.raises(FmuError, match=r"step = .* expected a positive number"):
+                hopper.step(step)
+        hopper.set("a", [2.0, 0.0])  # lifts the ball
+        with pytest.raises(FmuError, match="returned fmi3Discard"):
+            hopper.step(0.3)
+        hopper.step(0.3)
+        assert hopper.get("h") == pytest.approx(0.09, abs=1e-9)
+        assert hopper.time == 0.3
 
 
 def test_a_crash_of_an_instance_is_an_exception(faulty):

@@ -1,9 +1,9 @@
 //! Model exchange: the master integrates the equations of a component over each communication step, and
 //! handles its events.
 //!
-//! Inputs keep their values during a step, unless they come from a table. A component with an input that is not continuous is in its event mode
-//! at each communication point, where such inputs may be set. An event at the end of a step waits for the inputs
-//! of that communication point, if they come from other components.
+//! Inputs keep their values during a step, unless they come from a table. A component with an input that is not
+//! continuous enters event mode at each communication point, where such inputs may be set. An event at the end of a
+//! step waits for the inputs of that communication point, if they come from other components.
 
 use std::fmt::Arguments;
 use std::sync::LazyLock;
@@ -282,7 +282,7 @@ impl<'a> Exchange<'a> {
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
         self.signals.iter_mut().for_each(|signals| signals.begin(time));
-        let (mut workspace, next) = (std::mem::take(&mut self.workspace), self.next);
+        let next = self.next;
         let mut equations = Equations { calling, exchange: self };
         if equations.exchange.is_discrete {
             let time = next.filter(|_| is_due).map_or(time, |next| next.max(time));
@@ -294,6 +294,7 @@ impl<'a> Exchange<'a> {
         }
         let Exchange { tolerance, longest, handled, .. } = *equations.exchange;
         let step = Step { time, size, tolerance, longest, events: Events::Here, handled };
+        let mut workspace = std::mem::take(&mut equations.exchange.workspace);
         let advanced = solver::advance(&mut equations, &mut workspace, &step);
         self.workspace = workspace;
         advanced?;

@@ -207,6 +207,12 @@ impl Single {
                 self.told(called)?;
             }
             Ask::Step(step) => {
+                let is_usable = *step > 0.0 && step.is_finite();
+                // In co-simulation, the FMU decides.
+                ensure!(
+                    is_usable || self.component.exchange.is_none(),
+                    "step = {step:?} s is invalid, expected a positive number"
+                );
                 let called = self.step(*step);
                 self.told(called)?;
             }
@@ -325,9 +331,9 @@ impl Single {
         for given in values.chunk_by(|(a, _), (b, _)| fmu.array(*a) == fmu.array(*b)) {
             let scalar = given[0].0;
             let (variable, kind) = (fmu.variable(scalar), fmu.access(scalar));
-            let mut array = match variable.count() {
-                1 => vec![Value::Boolean(false)],
-                _ => self.get(&Vec::from_iter(fmu.array(scalar)))?,
+            let mut array = match variable.count() == given.len() {
+                true => vec![Value::Boolean(false); given.len()],
+                false => self.get(&Vec::from_iter(fmu.array(scalar)))?,
             };
             for (scalar, value) in given {
                 array[fmu.scalars[*scalar].element] = value.clone();
