@@ -359,16 +359,19 @@ def test_a_kick_changes_nominals_and_an_indicator_that_is_zero(kick, hopper, tmp
 
 
 @pytest.mark.parametrize(
-    ("landing", "code", "message"),
+    ("happens", "code", "message"),
     [
-        ("abort()", 1, r"integration at t = 0.30*\d s: fmi3UpdateDiscreteStates was ended by sig"),
-        ("return ERROR", 1, r"in the event at t = 0.3502\d* s, step of 0.1 s at t = 0.30*\d s: "
-         "fmi3UpdateDiscreteStates returned fmi3Error"),
-        ("*terminate = true", 0, r"\(Hopper.fmu\) ended the simulation at t = 0.3502\d* s"),
+        ("ON_LANDING=abort()", 1,
+         r"integration at t = 0.30*\d s: fmi3UpdateDiscreteStates was ended by sig"),
+        ("ON_LANDING=return ERROR", 1, r"in the event at t = 0.3502\d* s, step of 0.1 s at "
+         r"t = 0.30*\d s: fmi3UpdateDiscreteStates returned fmi3Error"),
+        ("ON_LANDING=*terminate = true", 0,
+         r"\(Hopper.fmu\) ended the simulation at t = 0.3502\d* s"),
+        ("ON_EVENT=*terminate = true", 0, r"at t = 0 s(.|\n)*ended the simulation at t = 0.0 s"),
     ],
 )  # fmt: skip
-def test_what_happens_in_an_event_is_named(landing, code, message, tmp_path):
-    fmu = in_c(tmp_path / "Hopper.fmu", f"ON_LANDING={landing}")
+def test_what_happens_in_an_event_is_named(happens, code, message, tmp_path):
+    fmu = in_c(tmp_path / "Hopper.fmu", happens)
     (tmp_path / "input.csv").write_text("time,n\n0,0\n0.35,1\n")
     result = run("simulate", fmu, "--step=0.1", "--input", "input.csv", cwd=tmp_path)
     assert result.returncode == code

@@ -103,6 +103,9 @@ int fmi3UpdateDiscreteStates(Hopper *c, bool *again, bool *terminate, bool *nomi
     *has_next = true;
     *next = c->time;
     if (!c->in_event_mode) return ERROR;
+#ifdef ON_EVENT
+    ON_EVENT;
+#endif
     if (c->n != c->taken) {
         c->taken = c->n;
         c->flies = *again = *nominals = *states = true;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use fmu_description::{Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
@@ -25,6 +25,8 @@ pub struct Simulation<'a> {
     /// The connections with faults that lead to each component.
     lines: Vec<Vec<Line>>,
     messages: Messages,
+    /// Why it has ended in the first event, if an FMU has ended it there.
+    ended: Option<Box<Failure>>,
 }
 
 /// A row of results: the values of the recorded variables at a communication point. Its columns are those
@@ -111,8 +113,12 @@ impl Plan {
             row: Row::new(&self.columns),
             lines: self.wiring.lines.clone(),
             messages: messages.clone(),
+            ended: None,
         };
-        simulation.initialize(&starts).map_err(|failure| *failure)?;
+        simulation.ended = match simulation.initialize(&starts) {
+            Err(failure) if failure.ended.is_none() => bail!(*failure),
+            initialized => initialized.err(),
+        };
         Ok(simulation)
     }
 }
@@ -179,9 +185,10 @@ impl Simulation<'_> {
         let is_plain = self.plan.wiring.is_plain && !integrates;
         // Native systems do not ask at each step.
         let cycles = self.components.iter().any(|component| component.instance.has_cycle());
-        let steps = match (is_plain, cycles) {
-            (true, true) => self.steps::<true, true>(&mut observe),
-            (true, false) => self.steps::<true, false>(&mut observe),
+        let steps = match (self.ended.take(), is_plain, cycles) {
+            (Some(failure), ..) => self.record_start().and(Err(failure)),
+            (None, true, true) => self.steps::<true, true>(&mut observe),
+            (None, true, false) => self.steps::<true, false>(&mut observe),
             _ => self.steps::<false, false>(&mut observe),
         };
         let ended = match steps {
@@ -196,7 +203,16 @@ impl Simulation<'_> {
         Ok(Finished { messages, last, ended })
     }
 
-    /// Ends a run after a step in which an FMU has ended the simulation. The row of the communication point is
+    /// Takes the values before the first step.
+    fn record_start(&mut self) -> Called {
+        self.row.time = self.plan.experiment.start;
+        let mut components = self.components.iter_mut();
+        let read = components.try_for_each(|component| component.read::<false>(&mut self.outputs));
+        self.row.store.record::<false>(&self.plan.wiring.before, &self.outputs);
+        read
+    }
+
+    /// Ends a run after a step or the first event in which an FMU has ended the simulation. The row of the communication point is
     /// complete if no sampled component had yet to step. A single FMU has one more row, at the time that it has
     /// reached.
     fn end_early(&mut self, end: &Failure, mut observe: impl FnMut(&Row) -> bool) -> Called {
