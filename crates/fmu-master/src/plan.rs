@@ -31,7 +31,7 @@ pub struct Plan {
     pub(crate) wiring: Wiring,
     /// The smallest and the largest value of each column that the model description allows.
     pub(crate) bounds: Vec<[Option<f64>; 2]>,
-    /// What the master has decided that its user may want otherwise, as sentences.
+    /// Choices of the master that the user may want to override, as sentences.
     pub notes: Vec<String>,
 }
 
@@ -458,7 +458,7 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
         };
         return Ok(all(components).filter(is_recorded).collect());
     }
-    let mut ports = Vec::new();
+    let (mut ports, mut found) = (Vec::new(), HashSet::new());
     for name in names {
         let (component, scalars) = resolve(components, name, Fmu::find_all)?;
         for scalar in scalars {
@@ -466,7 +466,7 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
             if let Some(reason) = unrecordable(components, &port) {
                 bail!("{name} cannot be recorded: {reason}");
             }
-            ensure!(!ports.contains(&port), "{name} is recorded twice");
+            ensure!(found.insert(port), "{name} is recorded twice");
             ports.push(port);
         }
     }

@@ -46,7 +46,7 @@ pub struct Ready {
     pub end: f64,
     /// The recorded variables.
     pub columns: Vec<Column>,
-    /// What the master has decided that its user may want otherwise, as sentences.
+    /// Choices of the master that the user may want to override, as sentences.
     pub notes: Vec<String>,
 }
 
@@ -100,7 +100,7 @@ pub fn work<P: Borrow<Plan>>(
     Ok(())
 }
 
-/// A function of its own, so that runs without records have a short way past it.
+/// A function of its own, so that runs that record nothing skip it cheaply.
 #[inline(never)]
 fn send(service: &mut Service, row: &Row) {
     service.reply(&Report::Row(Cow::Borrowed(row)));
@@ -117,7 +117,7 @@ pub fn compute_in_supervisor(
     let service = Arc::new(Mutex::new(service.another()?));
     Ok(move |function: usize, time: f64, inputs: &[Value]| {
         let mut service = service.lock().unwrap_or_else(PoisonError::into_inner);
-        // Other than an FMU, the supervisor may take its time.
+        // Unlike a call of an FMU, an answer of the supervisor has no time limit.
         service.record().end_call();
         service.reply(&Report::Call(function, time, Cow::Borrowed(inputs)));
         match service.task() {
