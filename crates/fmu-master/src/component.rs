@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::{Causality, Type, Value};
-use fmu_host::{Cause, Instance, Kind, Listed, Status, Success, operation};
-use fmu_worker::{Calls, Function};
+use fmu_host::{Cause, Instance, Kind, Listed, Status, Success};
+use fmu_worker::Function;
 
-use crate::exchange::{self, Calling, Exchange, Functions, Trouble};
+use crate::exchange::{self, Calling, Exchange, Trouble};
 use crate::input::Signals;
 use crate::plan::Planned;
-use crate::wiring::{Feed, Ports, Store, Wired, number};
+use crate::wiring::{Feed, Ports, Store, Wired, accessor, number};
 use crate::{Failure, Fmu, Messages};
 
 /// The outcome of a call.
@@ -20,15 +20,11 @@ pub(crate) type Called<T = ()> = Result<T, Box<Failure>>;
 
 /// A component and what is transferred from and to it.
 pub(crate) struct Component<'a> {
-    name: String,
     /// Must be dropped before the FMU, which removes its files.
-    pub(crate) instance: Instance,
+    pub(crate) calling: Calling,
     pub(crate) fmu: Arc<Fmu>,
-    messages: Messages,
-    calls: Calls,
     /// Present once a component of model exchange is initialized.
     pub(crate) exchange: Option<Box<Exchange<'a>>>,
-    functions: &'static Functions,
     do_step: Option<Function>,
     /// What sets its Float64 inputs, and what gets its Float64 outputs unless their values must be distributed.
     set: Option<Function>,
@@ -71,12 +67,15 @@ impl<'a> Component<'a> {
             get: floats.and_then(|p| p.get.filter(|_| has_whole)),
             distributed: &ports[usize::from(has_whole)..],
             copied: floats.filter(|p| p.run.is_none()).map_or(&[], |p| &*p.copied),
-            name: name.clone(),
-            instance,
-            messages: messages.clone(),
-            calls: messages.record().calls(index),
+            calling: Calling {
+                instance,
+                calls: messages.record().calls(index),
+                functions: exchange::functions(fmu.version),
+                messages: messages.clone(),
+                name: name.clone(),
+                version: fmu.version,
+            },
             exchange: None,
-            functions: exchange::functions(fmu.version),
             do_step: Function::of(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
@@ -92,8 +91,8 @@ impl<'a> Component<'a> {
         what: impl Display,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Called {
-        self.calls.begin(Function::of(self.fmu.version, operation));
-        let outcome = call(&mut self.instance);
+        self.calling.calls.begin(Function::of(self.fmu.version, operation));
+        let outcome = call(&mut self.calling.instance);
         self.explain(outcome, || what.to_string())
     }
 
@@ -149,7 +148,7 @@ impl<'a> Component<'a> {
         let failure = match outcome {
             Ok(Success::Ok) => return Ok(()),
             Ok(Success::Warning(function)) => {
-                self.messages.warn(&self.name, function);
+                self.calling.messages.warn(&self.calling.name, function);
                 return Ok(());
             }
             Err(failure) => failure,
@@ -159,13 +158,13 @@ impl<'a> Component<'a> {
 
     fn failure(&self, failure: fmu_host::Failure, what: String) -> Box<Failure> {
         Box::new(Failure {
-            component: self.name.clone(),
+            component: self.calling.name.clone(),
             fmu: self.fmu.file_name(),
             function: failure.function,
             what,
             time: None,
             outcome: failure.outcome(),
-            message: self.messages.reason(failure.function),
+            message: self.calling.messages.reason(failure.function),
             ended: match failure.cause {
                 Cause::Terminated(time) => Some(time),
                 _ => None,
@@ -177,17 +176,16 @@ impl<'a> Component<'a> {
     /// time, so that a plain system does not ask at each step.
     #[inline(always)]
     pub(crate) fn step<const PLAIN: bool>(&mut self, time: f64, step: f64) -> Called {
-        if !PLAIN && let Some(mut exchange) = self.exchange.take() {
-            let stepped = exchange.step(&mut self.calling(), time, step);
-            self.exchange = Some(exchange);
+        if !PLAIN && let Some(exchange) = &mut self.exchange {
+            let stepped = exchange.step(&mut self.calling, time, step);
             if stepped.is_ok() {
-                self.calls.begin(None);
+                self.calling.calls.begin(None);
             }
             return stepped
                 .map_err(|trouble| self.troubled(trouble, format!("step of {step:?} s")));
         }
-        self.calls.begin(self.do_step);
-        match self.instance.do_step_quickly(time, step) {
+        self.calling.calls.begin(self.do_step);
+        match self.calling.instance.do_step_quickly(time, step) {
             None => Ok(()),
             Some(outcome) => self.explain_step(*outcome, time, step),
         }
@@ -197,13 +195,13 @@ impl<'a> Component<'a> {
     /// Returns how many of the three are done.
     #[inline(always)]
     pub(crate) fn cycle(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called<usize> {
-        if !self.instance.has_cycle() {
+        if !self.calling.instance.has_cycle() {
             return Ok(0);
         }
         self.copy(outputs);
         let inputs = (!self.copied.is_empty()).then_some(&*self.reals);
-        self.calls.begin(self.do_step);
-        match self.instance.cycle(inputs, time, step, &mut outputs.reals) {
+        self.calling.calls.begin(self.do_step);
+        match self.calling.instance.cycle(inputs, time, step, &mut outputs.reals) {
             (done, None) => Ok(done),
             (done, Some(outcome)) => {
                 match done {
@@ -225,24 +223,12 @@ impl<'a> Component<'a> {
     ) -> Called {
         if self.fmu.kind == Kind::ModelExchange {
             let (fmu, ports) = (self.fmu.clone(), self.ports);
-            let calling = &mut self.calling();
-            let begun = Exchange::begin(calling, &fmu, ports, signals, tolerance, times);
+            let begun = Exchange::begin(&mut self.calling, &fmu, ports, signals, tolerance, times);
             let begun =
                 begun.map_err(|trouble| self.troubled(trouble, "first event".to_owned()))?;
             self.exchange = Some(Box::new(begun));
         }
         Ok(())
-    }
-
-    pub(crate) fn calling(&mut self) -> Calling<'_> {
-        Calling {
-            instance: &mut self.instance,
-            calls: &mut self.calls,
-            functions: self.functions,
-            messages: &self.messages,
-            name: &self.name,
-            version: self.fmu.version,
-        }
     }
 
     /// The failure of an integration.
@@ -253,13 +239,13 @@ impl<'a> Component<'a> {
             Trouble::Call(failure, place) => (failure, format!("{place}, {what}")),
             Trouble::Equations { reason, .. } => {
                 return Box::new(Failure {
-                    component: self.name.clone(),
+                    component: self.calling.name.clone(),
                     fmu: self.fmu.file_name(),
                     function: "",
                     what,
                     time: None,
                     outcome: reason,
-                    message: self.messages.reason(""),
+                    message: self.calling.messages.reason(""),
                     ended: None,
                 });
             }
@@ -275,10 +261,10 @@ impl<'a> Component<'a> {
             matches!(&outcome, Err(f) if f.cause == Cause::Returned(Status::Discard));
         let explained = self.explain(outcome, || format!("step of {step:?} s"));
         explained.map_err(|mut failure| {
-            self.calls.begin(Function::named("fmi2GetBooleanStatus"));
-            if is_discarded && self.instance.is_terminated() == Ok(true) {
-                self.calls.begin(Function::named("fmi2GetRealStatus"));
-                failure.ended = Some(self.instance.last_successful_time().unwrap_or(time));
+            self.calling.calls.begin(Function::named("fmi2GetBooleanStatus"));
+            if is_discarded && self.calling.instance.is_terminated() == Ok(true) {
+                self.calling.calls.begin(Function::named("fmi2GetRealStatus"));
+                failure.ended = Some(self.calling.instance.last_successful_time().unwrap_or(time));
                 failure.outcome = Cause::Terminated(time).to_string();
             }
             failure
@@ -288,8 +274,8 @@ impl<'a> Component<'a> {
     /// Reads its outputs, each once; if the system is `PLAIN`, all are Float64 and need not be distributed.
     #[inline(always)]
     pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> Called {
-        self.calls.go_on(self.get);
-        if let Some(outcome) = self.instance.get_at_step(&mut outputs.reals) {
+        self.calling.calls.go_on(self.get);
+        if let Some(outcome) = self.calling.instance.get_at_step(&mut outputs.reals) {
             self.explain_reading(*outcome, &self.ports[0].outputs)?;
         }
         if PLAIN { Ok(()) } else { self.read_others(outputs) }
@@ -307,13 +293,18 @@ impl<'a> Component<'a> {
     }
 
     /// Gets scalars of one type, which may be some elements of arrays.
-    fn get(&mut self, kind: Type, get: Option<Function>, scalars: &Wired) -> Called<Vec<Value>> {
+    pub(crate) fn get(
+        &mut self,
+        kind: Type,
+        get: Option<Function>,
+        scalars: &Wired,
+    ) -> Called<Vec<Value>> {
         if scalars.references.is_empty() {
             return Ok(Vec::new());
         }
         let mut all = vec![Value::Boolean(false); scalars.elements];
-        self.calls.begin(get);
-        let outcome = (self.instance).get_values(kind, &scalars.references, &mut all);
+        self.calling.calls.begin(get);
+        let outcome = (self.calling.instance).get_values(kind, &scalars.references, &mut all);
         if outcome != Ok(Success::Ok) {
             self.explain_reading(outcome, scalars)?;
         }
@@ -343,8 +334,8 @@ impl<'a> Component<'a> {
             values = &self.reals;
         }
         if self.set.is_some() {
-            self.calls.go_on(self.set);
-            if let Some(outcome) = self.instance.set_at_step(values) {
+            self.calling.calls.go_on(self.set);
+            if let Some(outcome) = self.calling.instance.set_at_step(values) {
                 self.explain_writing_reals(*outcome, outputs)?;
             }
         }
@@ -384,14 +375,26 @@ impl<'a> Component<'a> {
                     .map(|s| Value::Float64(s.factor * outputs.number(source.output) + s.offset));
                 values[*position] = scaled.unwrap_or_else(|| outputs.value(source.output));
             }
-            self.calls.begin(ports.set);
-            let outcome = (self.instance).set_values(ports.kind, &inputs.references, &values);
-            if outcome != Ok(Success::Ok) {
-                self.explain_writing(outcome, inputs, &values)?;
-            }
+            self.set(ports.kind, ports.set, inputs, &values)?;
             self.others[index] = values;
         }
         Ok(())
+    }
+
+    /// Sets variables of one type, with the values of all elements.
+    pub(crate) fn set(
+        &mut self,
+        kind: Type,
+        set: Option<Function>,
+        scalars: &Wired,
+        values: &[Value],
+    ) -> Called {
+        self.calling.calls.begin(set);
+        let outcome = self.calling.instance.set_values(kind, &scalars.references, values);
+        match outcome {
+            Ok(Success::Ok) => Ok(()),
+            _ => self.explain_writing(outcome, scalars, values),
+        }
     }
 
     #[cold]
@@ -431,21 +434,11 @@ impl<'a> Component<'a> {
         is_wanted: impl Fn(&usize) -> bool,
     ) -> Called {
         let fmu = self.fmu.clone();
-        let mut given = starts.keys().copied().filter(is_wanted).peekable();
-        while let Some(scalar) = given.next() {
-            let array = fmu.array(scalar);
-            let mut wired = Wired::default();
-            wired.push(&fmu, scalar);
-            while let Some(other) = given.next_if(|other| array.contains(other)) {
-                wired.push(&fmu, other);
-            }
+        let given = Vec::from_iter(starts.keys().copied().filter(is_wanted));
+        for same in given.chunk_by(|a, b| fmu.array(*a) == fmu.array(*b)) {
+            let (kind, wired) = (fmu.access(same[0]), Wired::of(&fmu, same.iter().copied()));
             let values = initial(&wired, &fmu, starts);
-            let kind = fmu.access(scalar);
-            self.calls.begin(Function::of(fmu.version, &operation("set", kind)));
-            let outcome = (self.instance).set_values(kind, &wired.references, &values);
-            if outcome != Ok(Success::Ok) {
-                self.explain_writing(outcome, &wired, &values)?;
-            }
+            self.set(kind, accessor("set", fmu.version, kind), &wired, &values)?;
         }
         Ok(())
     }
@@ -454,7 +447,7 @@ impl<'a> Component<'a> {
 impl Drop for Component<'_> {
     /// Records that the FMU is about to be called; the field `instance` frees it.
     fn drop(&mut self) {
-        self.calls.begin(Function::of(self.fmu.version, "free_instance"));
+        self.calling.calls.begin(Function::of(self.fmu.version, "free_instance"));
     }
 }
 
@@ -493,7 +486,7 @@ pub(crate) fn propagate(
         }
     }
     // The same inputs are written again and again.
-    components[fed].calls.begin(None);
+    components[fed].calling.calls.begin(None);
     components[fed].write::<false>(outputs)?;
     Ok(changed)
 }

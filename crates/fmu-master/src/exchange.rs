@@ -10,11 +10,11 @@ use std::sync::LazyLock;
 
 use dormand_prince::solver::{self, Events, MAX_EVENTS, Step, System, Workspace, too_many_events};
 use fmu_description::{FmiVersion, Variability};
-use fmu_host::{Cause, Instance, Status, Success, operation};
+use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
 
 use crate::input::Signals;
-use crate::wiring::Ports;
+use crate::wiring::{Ports, accessor};
 use crate::{Fmu, Messages};
 
 /// The relative tolerance, unless it is known.
@@ -41,13 +41,13 @@ pub(crate) struct Exchange<'a> {
     left: f64,
 }
 
-/// The instance of a component of model exchange, whose calls are recorded.
-pub(crate) struct Calling<'a> {
-    pub(crate) instance: &'a mut Instance,
-    pub(crate) calls: &'a mut Calls,
-    pub(crate) functions: &'a Functions,
-    pub(crate) messages: &'a Messages,
-    pub(crate) name: &'a str,
+/// The instance of a component, whose calls are recorded.
+pub(crate) struct Calling {
+    pub(crate) instance: Instance,
+    pub(crate) calls: Calls,
+    pub(crate) functions: &'static Functions,
+    pub(crate) messages: Messages,
+    pub(crate) name: String,
     pub(crate) version: FmiVersion,
 }
 
@@ -125,7 +125,7 @@ impl solver::Failure for Trouble {
 
 type Result<T = ()> = std::result::Result<T, Trouble>;
 
-impl Calling<'_> {
+impl Calling {
     /// Calls the function that performs an operation.
     fn call<T>(
         &mut self,
@@ -133,7 +133,7 @@ impl Calling<'_> {
         call: impl FnOnce(&mut Instance) -> fmu_host::Result<T>,
     ) -> Result<T> {
         self.calls.begin(self.functions[operation as usize]);
-        call(self.instance).map_err(|failure| Trouble::Call(failure, String::new()))
+        call(&mut self.instance).map_err(|failure| Trouble::Call(failure, String::new()))
     }
 
     /// As [`Calling::call`], of a function that may return a warning.
@@ -142,22 +142,23 @@ impl Calling<'_> {
         operation: Operation,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Result {
-        if let Success::Warning(function) = self.call(operation, call)? {
-            self.messages.warn(self.name, function);
-        }
+        let success = self.call(operation, call)?;
+        self.warn(success);
         Ok(())
+    }
+
+    fn warn(&self, success: Success) {
+        if let Success::Warning(function) = success {
+            self.messages.warn(&self.name, function);
+        }
     }
 
     /// Sets inputs of a table, before or after an event.
     fn feed(&mut self, signals: &Signals<'_>, time: f64, after: bool) -> Result {
         for (kind, reference, values) in signals.values(time, after) {
-            self.calls.begin(Function::of(self.version, &operation("set", kind)));
+            self.calls.begin(accessor("set", self.version, kind));
             let set = self.instance.set_values(kind, &[reference], &values);
-            if let Success::Warning(function) =
-                set.map_err(|failure| Trouble::Call(failure, String::new()))?
-            {
-                self.messages.warn(self.name, function);
-            }
+            self.warn(set.map_err(|failure| Trouble::Call(failure, String::new()))?);
         }
         Ok(())
     }
@@ -174,7 +175,7 @@ impl Calling<'_> {
 impl<'a> Exchange<'a> {
     /// Begins after the initialization, in event mode.
     pub(crate) fn begin(
-        calling: &mut Calling<'_>,
+        calling: &mut Calling,
         fmu: &Fmu,
         ports: &[Ports],
         signals: Option<Signals<'a>>,
@@ -229,7 +230,7 @@ impl<'a> Exchange<'a> {
     /// Sets something in event mode, which may change discrete states.
     pub(crate) fn at_event(
         &mut self,
-        calling: &mut Calling<'_>,
+        calling: &mut Calling,
         time: f64,
         set: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Result {
@@ -239,7 +240,7 @@ impl<'a> Exchange<'a> {
     }
 
     /// Handles an event in event mode.
-    fn update(&mut self, calling: &mut Calling<'_>, time: f64) -> Result {
+    fn update(&mut self, calling: &mut Calling, time: f64) -> Result {
         let mut nominals_changed = false;
         for _ in 0..MAX_EVENTS {
             let operation = Operation::Update;
@@ -259,7 +260,7 @@ impl<'a> Exchange<'a> {
         Err(too_many_events())
     }
 
-    fn read_nominals(&mut self, calling: &mut Calling<'_>) -> Result {
+    fn read_nominals(&mut self, calling: &mut Calling) -> Result {
         let nominals = &mut self.nominals;
         if !nominals.is_empty() {
             calling.warned(Operation::Nominals, |instance| {
@@ -277,7 +278,7 @@ impl<'a> Exchange<'a> {
     }
 
     /// Integrates from one communication point to the next.
-    pub(crate) fn step(&mut self, calling: &mut Calling<'_>, time: f64, size: f64) -> Result {
+    pub(crate) fn step(&mut self, calling: &mut Calling, time: f64, size: f64) -> Result {
         let rounding = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
@@ -306,12 +307,12 @@ impl<'a> Exchange<'a> {
 }
 
 /// The equations of a component, as the solver sees them.
-struct Equations<'a, 'b, 'c> {
-    calling: &'a mut Calling<'b>,
-    exchange: &'a mut Exchange<'c>,
+struct Equations<'a, 'b> {
+    calling: &'a mut Calling,
+    exchange: &'a mut Exchange<'b>,
 }
 
-impl Equations<'_, '_, '_> {
+impl Equations<'_, '_> {
     /// Evaluates the equations for the states that the FMU has.
     fn evaluate_here(&mut self, time: f64) -> Result<bool> {
         let mut states = vec![0.0; self.exchange.nominals.len()];
@@ -339,7 +340,7 @@ impl Equations<'_, '_, '_> {
     }
 }
 
-impl System for Equations<'_, '_, '_> {
+impl System for Equations<'_, '_> {
     type Error = Trouble;
 
     fn nominal(&self, state: usize) -> f64 {

@@ -184,7 +184,7 @@ impl Simulation<'_> {
         let integrates = self.plan.components.iter().any(Planned::integrates);
         let is_plain = self.plan.wiring.is_plain && !integrates;
         // Native systems do not ask at each step.
-        let cycles = self.components.iter().any(|component| component.instance.has_cycle());
+        let cycles = self.components.iter().any(|component| component.calling.instance.has_cycle());
         let steps = match (self.ended.take(), is_plain, cycles) {
             (Some(failure), ..) => self.record_start().and(Err(failure)),
             (None, true, true) => self.steps::<true, true>(&mut observe),

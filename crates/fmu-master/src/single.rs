@@ -1,13 +1,13 @@
 //! One FMU that its user steps by hand: in this process, or in a worker process that answers what it is asked.
 
 use std::collections::BTreeMap;
-use std::fmt::{self, Display};
+use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{Causality, Type, Value, Variability, Variable};
-use fmu_host::{Instance, State, operation};
+use fmu_description::{Causality, Value, Variability, Variable};
+use fmu_host::{Instance, State};
 use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +15,7 @@ use crate::component::{Called, Component};
 use crate::exchange::Exchange;
 use crate::plan::Planned;
 use crate::run::Failed;
+use crate::wiring::{Wired, accessor};
 use crate::{Description, Interface, Messages, Plan, Written};
 
 /// Which FMU to step, and how.
@@ -134,16 +135,6 @@ impl Names {
     /// It does not fit.
     pub fn typed(&self, scalar: usize, value: &Written) -> Result<Value> {
         value.typed(self.0.fmu.variable(scalar), &self.0.fmu.name(scalar))
-    }
-}
-
-/// A variable and the values that it is set to.
-struct Assigned<'a>(&'a str, &'a [Value]);
-
-impl Display for Assigned<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} =", self.0)?;
-        self.1.iter().try_for_each(|value| write!(f, " {value}"))
     }
 }
 
@@ -297,30 +288,12 @@ impl Single {
 
     fn get(&mut self, scalars: &[usize]) -> Result<Vec<Value>> {
         let fmu = self.planned.fmu.clone();
-        let mut values: Vec<Value> = Vec::with_capacity(scalars.len());
-        let mut array = Vec::new();
-        let mut got: Option<u32> = None;
-        for &scalar in scalars {
-            let (variable, kind) = (fmu.variable(scalar), fmu.access(scalar));
-            if got.replace(variable.reference) != Some(variable.reference) || variable.count() == 1
-            {
-                let empty = match kind {
-                    Type::Float64 => Value::Float64(0.0),
-                    _ => Value::Boolean(false),
-                };
-                array = vec![empty; variable.count()];
-                let reference = [variable.reference];
-                self.call(&operation("get", kind), &variable.name, |instance| {
-                    match array.as_mut_slice() {
-                        // The usual case needs no conversion.
-                        [Value::Float64(number)] => {
-                            instance.get_float64(&reference, std::slice::from_mut(number))
-                        }
-                        array => instance.get_values(kind, &reference, array),
-                    }
-                })?;
-            }
-            values.push(array[fmu.scalars[scalar].element].clone());
+        let mut values = Vec::with_capacity(scalars.len());
+        for same in scalars.chunk_by(|a, b| fmu.access(*a) == fmu.access(*b)) {
+            let (kind, wired) = (fmu.access(same[0]), Wired::of(&fmu, same.iter().copied()));
+            let get = accessor("get", fmu.version, kind);
+            let got = self.component.get(kind, get, &wired);
+            values.extend(self.told(got)?);
         }
         Ok(values)
     }
@@ -338,21 +311,23 @@ impl Single {
             for (scalar, value) in given {
                 array[fmu.scalars[*scalar].element] = value.clone();
             }
-            let reference = [variable.reference];
-            let set = |instance: &mut Instance| instance.set_values(kind, &reference, &array);
+            let wired = Wired::of(&fmu, given.iter().map(|(scalar, _)| *scalar));
             let waits = variable.causality == Causality::Input
                 && variable.variability != Variability::Continuous;
-            match self.component.exchange.take() {
-                Some(mut exchange) if waits || variable.is_parameter() => {
-                    let event = exchange.at_event(&mut self.component.calling(), self.time, set);
-                    self.component.exchange = Some(exchange);
+            match &mut self.component.exchange {
+                Some(exchange) if waits || variable.is_parameter() => {
+                    let set = |instance: &mut Instance| {
+                        instance.set_values(kind, &wired.references, &array)
+                    };
+                    let event = exchange.at_event(&mut self.component.calling, self.time, set);
                     let what = variable.name.clone();
                     let event = event.map_err(|trouble| self.component.troubled(trouble, what));
                     self.told(event)?;
                 }
-                exchange => {
-                    self.component.exchange = exchange;
-                    self.call(&operation("set", kind), Assigned(&variable.name, &array), set)?;
+                _ => {
+                    let set = accessor("set", fmu.version, kind);
+                    let called = self.component.set(kind, set, &wired, &array);
+                    self.told(called)?;
                 }
             }
         }

@@ -190,7 +190,7 @@ impl Feed {
         let (component, kind) = (port.component, port.access(components));
         let found = all.iter().position(|feed| (feed.component, feed.kind) == (component, kind));
         let index = found.unwrap_or_else(|| {
-            let get = getter(components[component].fmu.version, kind);
+            let get = accessor("get", components[component].fmu.version, kind);
             let (outputs, places) = (Wired::default(), Vec::new());
             all.push(Self { component, kind, get, outputs, places });
             all.len() - 1
@@ -203,8 +203,8 @@ impl Ports {
     fn new(version: FmiVersion, kind: Type) -> Self {
         Self {
             kind,
-            get: getter(version, kind),
-            set: Function::of(version, &operation("set", kind)),
+            get: accessor("get", version, kind),
+            set: accessor("set", version, kind),
             inputs: Wired::default(),
             sources: Vec::new(),
             run: None,
@@ -332,8 +332,9 @@ impl Wiring {
     }
 }
 
-fn getter(version: FmiVersion, kind: Type) -> Option<Function> {
-    Function::of(version, &operation("get", kind))
+/// The function that gets or sets variables of a type.
+pub(crate) fn accessor(verb: &str, version: FmiVersion, kind: Type) -> Option<Function> {
+    Function::of(version, &operation(verb, kind))
 }
 
 /// Scalars, and the variables with which they are got or set.
@@ -357,6 +358,12 @@ impl Wired {
     /// The variables and the place of their elements in a list.
     pub(crate) fn listed(&self, first: usize) -> Listed {
         Listed::new(&self.references, first..first + self.elements)
+    }
+
+    pub(crate) fn of(fmu: &Fmu, scalars: impl IntoIterator<Item = usize>) -> Self {
+        let mut wired = Self::default();
+        scalars.into_iter().for_each(|scalar| wired.push(fmu, scalar));
+        wired
     }
 
     pub(crate) fn push(&mut self, fmu: &Fmu, scalar: usize) {
