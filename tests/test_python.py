@@ -211,6 +211,9 @@ def test_what_does_not_fit_is_named(fmus):
     ):
         with pytest.raises(FmuError, match=message):
             simulate(PENDULUM, **options)
+    seeds = pytest.raises(FmuError, match="the seed has 1 numbers, expected 2")
+    with Instance(PENDULUM, in_process=True) as plant, seeds:
+        plant.directional_derivative(["omega"], ["u", "theta"], [1.0])
 
 
 @pytest.fixture(params=[False, True], ids=["child", "in_process"])

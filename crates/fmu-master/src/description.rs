@@ -476,8 +476,24 @@ impl Experiment {
             steps <= MAX_STEPS,
             "step = {step:?}, which makes {steps:.3e} steps; expected at most {MAX_STEPS:.0e}"
         );
+        let largest = start.abs().max(stop.abs());
+        ensure!(
+            steps < 1.0 || step > largest * f64::EPSILON,
+            "step = {step:?} is too short to tell times near {largest:?} s apart"
+        );
         // Rounding may put the last point just past the stop time.
         Ok((steps + 1e-6).floor() as u64 + 1)
+    }
+
+    /// Says so if the last communication point is before the stop time.
+    pub(crate) fn note(&self) -> Result<Option<String>> {
+        let (last, stop) = (self.time(self.steps()? - 1), self.stop);
+        let is_short = stop - last > 1e-3 * self.step;
+        Ok(is_short.then(|| {
+            format!(
+                "the step size does not divide the run: it ends at t = {last} s, not at {stop} s"
+            )
+        }))
     }
 
     /// The communication point of step `k`, computed directly so that rounding errors do not add up.

@@ -124,7 +124,10 @@ impl Plan {
             experiment: description.experiment(),
             wiring: Wiring::new(description, &components, &links, input.as_ref(), &recorded),
             columns: recorded.iter().map(column).collect(),
-            notes: notes(&components, &recorded),
+            notes: notes(&components, &recorded)
+                .into_iter()
+                .chain(description.experiment().note()?)
+                .collect(),
             bounds: recorded.iter().map(bounds).collect(),
             input,
             components,

@@ -234,6 +234,8 @@ impl Single {
             }
             Ask::Directional(unknowns, knowns, seed) => {
                 let (unknowns, knowns) = (self.references(unknowns)?, self.references(knowns)?);
+                let (given, expected) = (seed.len(), knowns.len());
+                ensure!(given == expected, "the seed has {given} numbers, expected {expected}");
                 let mut values = vec![0.0; unknowns.len()];
                 self.call("get_directional_derivative", "directional derivative", |instance| {
                     instance.get_directional_derivative(&unknowns, &knowns, seed, &mut values)
