@@ -1,6 +1,5 @@
 """Fixtures: the exported FMUs, instances of them, and the runs of Table 1."""
 
-import fcntl
 import os
 import pickle
 import shlex
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from filelock import FileLock
 
 from pendulum_fmus import table1
 from pendulum_fmus.loop import Columns, Loop
@@ -29,15 +29,17 @@ FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-ba
 
 
 @pytest.fixture(scope="session")
-def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Callable[..., Path]:
+def once(
+    tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config
+) -> Callable[..., Path]:
     """Return a function that makes a folder once for all processes that run tests."""
     base = tmp_path_factory.getbasetemp()
-    base = base if worker_id == "master" else base.parent
+    # In a process of pytest-xdist, which some workflows do not install.
+    base = base.parent if hasattr(pytestconfig, "workerinput") else base
 
     def make(name: str, write: Callable[[Path], object]) -> Path:
         folder, finished = base / name, base / f"{name}.finished"
-        with (base / f"{name}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with FileLock(base / f"{name}.lock"):
             if not finished.exists():
                 folder.mkdir(exist_ok=True)
                 write(folder)

@@ -1,7 +1,6 @@
 """The command line as a program, with systems, small FMUs in C, and packages outside for it."""
 
 import csv
-import fcntl
 import os
 import re
 import shutil
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from fmu_master._values import document
 from pendulum_fmus.project import PROGRAM, ROOT
@@ -173,9 +173,7 @@ def started(command: Sequence[object], folder: Path) -> Iterator[subprocess.Pope
             env |= {"CARGO_TARGET_DIR": str(OUTSIDE), "CARGO_INCREMENTAL": "0"}
             # Debug information takes long to write. An export must override the abort.
             env |= {"CARGO_PROFILE_DEV_DEBUG": "0", "CARGO_PROFILE_RELEASE_PANIC": "abort"}
-            OUTSIDE.mkdir(parents=True, exist_ok=True)
-            lock = stack.enter_context((OUTSIDE / "lock").open("w"))
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            stack.enter_context(FileLock(OUTSIDE / "lock"))
         process = subprocess.Popen(list(map(str, command)), cwd=folder, env=env, **pipes)
         yield stack.enter_context(process)
 
