@@ -645,7 +645,7 @@ static int is_settable(const Instance *c, enum Class class, int is_real) {
     return (c->now.phase & phases) != 0;
 }
 
-/* Whether a value is allowed for a variable; `missing` if there is no such variable. */
+/* Why a value is not allowed for a variable, or NULL if it is. */
 static const char *objection(const Instance *c, const Rule *rules, size_t rule_count, unsigned reference,
                              double value, int is_real) {
     if (reference >= rule_count) return HAS(UNKNOWN_REFERENCE_SET) ? NULL : "there is no such variable";
