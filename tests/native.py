@@ -1,4 +1,4 @@
-"""The command line as a program, with systems, small FMUs in C, and packages outside for it."""
+"""Runs the command line; writes systems, small FMUs in C, and packages outside the repository."""
 
 import csv
 import os

@@ -25,7 +25,7 @@ def own_fmu() -> Path:
 
 
 def test_the_examples_are_valid(own_fmu: Path, sensor: Path, equations: Path, fmus: Path) -> None:
-    """The FMU in C takes wrong calls, to stay short, which gives warnings."""
+    """To stay short, the FMU in C accepts wrong calls, which the validator warns about."""
     names = ("BouncingBall", "BouncingBall_fmi3", "VanDerPol", "VanDerPol_fmi3")
     files = [sensor, *(equations / f"{name}.fmu" for name in names)]
     assert "no error, " in run("validate", own_fmu).stdout

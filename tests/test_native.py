@@ -575,7 +575,7 @@ SETS = ["gain=-3e0", "shape=4", "add=7", "invert=true", "status_time=inf"]
     ],
 )
 def test_values_of_every_type_reach_inputs(relay, tmp_path, order, names, start, sets, fed):
-    """In parallel order, or when fed from below, a step later."""
+    """Values arrive one step later in parallel order, or from a component that is stepped later."""
     system = relay({name: start if name == "b" else {} for name in names}, ALL, order=order)
     columns = simulate(system, tmp_path, *(f"--set=b.{value}" for value in sets))
     count = fed / 0.25

@@ -138,7 +138,7 @@ def test_the_supervised_loop_has_the_unstable_mode_of_a_pd_controller():
 
 
 def test_margins_match_the_fmus(cells):
-    margins = cells("abstract", "delay borne from measurement to force [samples]")
+    margins = cells("abstract", "delay margin, from measurement to force [samples]")
     measured = cells("beyond-noise", "delay without ringing [samples]")
     for kind, name in (("PID", "PID"), ("PID-RBF", "PID-RBF"), ("own target", "IPID-RBF, own")):
         assert margins[kind] == measured[name]

@@ -345,7 +345,7 @@ NUMBER = "(local $n i32) (local.set $n (call $create (i32.const 66)))"
             "(then unreachable))",
             "fmi3ExitInitializationMode is missing from the component",
         ),
-        # The function that ends a number of the component in it traps at this number.
+        # The destructor of the nested component's resource traps for this number.
         (
             "enter",
             f"{NUMBER} (call $look (local.get $n))",

@@ -4,9 +4,9 @@
  *     z' = w       w' = -OMEGA^2 z
  *
  * Each event takes the input n. A new value is a kick: v grows by n/1000, and z starts again from SMALL, with this
- * nominal value. A ball that falls to the floor lands, which `landings` counts; ON_LANDING may do more. Events
- * announce themselves as the next one, which importers ignore. Functions that change discrete states or inputs are
- * refused outside event mode.
+ * nominal value. A ball that falls to the floor lands, which `landings` counts; ON_LANDING may do more. Each
+ * event gives its own time as the next event time, which importers must ignore. Functions that change discrete states
+ * or inputs are refused outside event mode.
  */
 #include <stdbool.h>
 #include <stdint.h>

@@ -44,7 +44,7 @@
   (core func $arguments
     (canon lower (func $environment "get-arguments") (memory $m) (realloc $realloc)))
   (core func $write (canon lower (func $streams "[method]output-stream.write") (memory $m)))
-  ;; A component in it, which has its own memory, and whose resource is a number.
+  ;; A nested component with its own memory and a resource that wraps a number.
   (component $inner
     (core module $end (func (export "end") (param i32)
       (if (i32.eq (local.get 0) (i32.const 66)) (then unreachable))))

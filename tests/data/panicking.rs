@@ -2,7 +2,7 @@
 
 use fmu_export::prelude::*;
 
-/// y = u, but a panic if u is negative, no end if it is 2, and much memory if it is 3
+/// y = u, but panics if u is negative, never returns if it is 2, and allocates gigabytes if it is 3
 #[derive(Model)]
 pub struct Panicking {
     /// what must not be negative

@@ -410,7 +410,7 @@ MEASURES = {
     "growth": LoopMeasure(GROWTH, "1/s", of_law(stability.growth)),
     "growth_1": LoopMeasure(f"{GROWTH}, one sample more", "1/s",
                             of_law(partial(stability.growth, samples=1))),
-    "delay_margin": LoopMeasure("delay borne from measurement to force", "samples",
+    "delay_margin": LoopMeasure("delay margin, from measurement to force", "samples",
                                 of_law(stability.delay_margin), more=True),
     "gain_margin": LoopMeasure("gain margin", "1", of_law(stability.gain_margin), more=True),
     "phase_margin": LoopMeasure("phase margin", "°", of_response(stability.phase_margin),
