@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from native import SOURCES, in_c
+from native import SOURCES, in_c, write_system
 from sweeps import table
 from test_validate import cargo_fmu, check, findings, read, write
 
@@ -110,19 +110,13 @@ def test_nothing_is_left_behind(
     assert list(folder.iterdir()) == []
 
 
-def alone(fmu: Path) -> Path:
-    """Write a system that consists of an FMU, beside it."""
-    system = fmu.with_name("system.toml")
-    system.write_text(f'stop = 1.0\nstep = 0.1\n[[component]]\nname = "a"\nfmu = "{fmu}"\n')
-    return system
-
-
 def test_a_crash_after_a_simulation_does_not_lose_its_results(
     conformance: Callable[..., Path], tmp_path: Path
 ) -> None:
-    fmu = conformance("UNLOAD_CRASHES", CS)
+    conformance("UNLOAD_CRASHES", CS)
     results = tmp_path / "results.csv"
-    run = cargo_fmu("simulate", alone(fmu), "--csv", results)
+    system = write_system(tmp_path, {"a": {}}, fmu="Conformance", step=0.1)
+    run = cargo_fmu("simulate", system, "--csv", results)
     assert run.returncode == 0
     assert "after the simulation" in run.stderr
     assert len(results.read_text().splitlines()) == 12
@@ -131,10 +125,11 @@ def test_a_crash_after_a_simulation_does_not_lose_its_results(
 def test_a_sweep_goes_on_if_an_fmu_refuses_to_log_less(
     conformance: Callable[..., Path], tmp_path: Path
 ) -> None:
-    fmu = conformance("LOGGING_REFUSED", CS)
+    conformance("LOGGING_REFUSED", CS)
+    system = write_system(tmp_path, {"a": {}}, fmu="Conformance", step=0.1)
     sweep, results = tmp_path / "sweep.toml", tmp_path / "results.csv"
     sweep.write_text(
-        f'system = "{alone(fmu)}"\n[[parameter]]\nvariable = "a.damping"\nvalues = [0.1, 0.2]\n'
+        f'system = "{system}"\n[[parameter]]\nvariable = "a.damping"\nvalues = [0.1, 0.2]\n'
         '[signals]\nreference = "a.limited"\noutput = "a.y"\nerror = "a.y"\ncontrol = "a.energy"\n'
     )
     run = cargo_fmu("sweep", sweep, "--out", results)

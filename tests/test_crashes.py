@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from native import in_c, read_csv, run
+from native import in_c, read_csv, run, write_system
 from pendulum_fmus.project import PROGRAM
 from sweeps import table, wait_until
 
@@ -32,8 +32,7 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faulty: Path) -> Iterator[Path]:
     """Return a folder with a system; nothing may be left in TMPDIR."""
     shutil.copy(faulty, tmp_path / "Faulty.fmu")
-    text = '[[component]]\nname = "plant"\nfmu = "Faulty.fmu"\n'
-    (tmp_path / "system.toml").write_text("stop = 1.0\nstep = 0.001\n" + text)
+    write_system(tmp_path, {"plant": {}}, fmu="Faulty", step=0.001)
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
@@ -99,7 +98,7 @@ def test_an_fmu_that_ends_the_simulation_leaves_a_complete_table(folder):
 
 
 def test_a_process_that_an_fmu_has_forked_writes_nothing(folder):
-    """The worker that was started goes on."""
+    """The original worker continues."""
     warning = "warning: an FMU has forked the process, and returned in both; the second process"
     for command in ("simulate", "sweep"):
         if command == "simulate":
@@ -195,7 +194,7 @@ def test_the_next_command_removes_what_a_killed_one_has_left(folder):
 
 
 def sweep_file(folder: Path, runs: int, fault: str, at: float) -> None:
-    """Write a sweep whose last run has the fault at a time; all other runs have it never."""
+    """Write a sweep whose last run has the fault at a time; it never occurs in the other runs."""
     times = [100.0 + k for k in range(runs - 1)] + [at]
     (folder / "sweep.toml").write_text(
         f'system = "system.toml"\nstop = 0.01\nset = {{ "plant.fault" = {FAULTS.index(fault)} }}\n'

@@ -17,26 +17,9 @@ MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 STANDARD = Path(fmpy.__file__).parent
 
-FMI2_FUNCTIONS = {
-    f"fmi2{name}"
-    for name in """
-    GetTypesPlatform GetVersion SetDebugLogging Instantiate FreeInstance
-    SetupExperiment EnterInitializationMode ExitInitializationMode Terminate Reset
-    GetReal GetInteger GetBoolean GetString SetReal SetInteger SetBoolean SetString
-    GetFMUstate SetFMUstate FreeFMUstate
-    SerializedFMUstateSize SerializeFMUstate DeSerializeFMUstate
-    GetDirectionalDerivative
-    EnterEventMode NewDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep
-    SetTime SetContinuousStates GetDerivatives GetEventIndicators GetContinuousStates
-    GetNominalsOfContinuousStates
-    SetRealInputDerivatives GetRealOutputDerivatives DoStep CancelStep
-    GetStatus GetRealStatus GetIntegerStatus GetBooleanStatus GetStringStatus
-    """.split()
-}
-
-
-FMI3_FUNCTIONS = set(
-    re.findall(r"fmi3FullName\((fmi3\w+)\)", (STANDARD / "c-code" / "fmi3Functions.h").read_text())
+FMI2_FUNCTIONS, FMI3_FUNCTIONS = (
+    set(re.findall(r"FullName\((fmi\w+)\)", (STANDARD / "c-code" / header).read_text()))
+    for header in ("fmi2Functions.h", "fmi3Functions.h")
 )
 
 

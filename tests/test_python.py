@@ -21,7 +21,6 @@ import pytest
 from dask.distributed import Client
 from IPython.core.formatters import DisplayFormatter
 
-import reference
 from fmu_master import (
     FmuError,
     Instance,
@@ -256,18 +255,6 @@ def test_a_restored_state_repeats_the_same_steps(plant):
     assert steps() == steps()
     assert plant.variables["theta"].unit == "rad"
     assert plant.variables["M"].start == 1.096
-
-
-def test_model_exchange_gives_states_and_derivatives_of_the_linear_pendulum(fmus):
-    x, v, theta, omega, u = 0.0, 0.3, 0.1, 0.2, 2.0
-    A, B = reference.linear_model()
-    rates = (A @ [x, v, theta, omega] + B * u)[[2, 3, 0, 1]]
-    with Instance(PENDULUM, "model-exchange", in_process=True) as plant:
-        plant.set("u", u)
-        names = ["theta", "omega", "x", "v"]
-        plant.continuous_states = [theta, omega, x, v]
-        assert plant.get(names).tolist() == plant.continuous_states.tolist()
-        np.testing.assert_allclose(plant.derivatives(), rates, rtol=1e-9)
 
 
 def test_a_step_by_model_exchange_can_be_repeated_after_a_failure(tmp_path):

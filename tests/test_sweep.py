@@ -1,38 +1,15 @@
-"""`cargo fmu sweep`: kills, tables, and bad input.
+"""`cargo fmu sweep`: kills and bad input.
 
 `test_python.py` compares the runs with single ones.
 """
 
 import re
 import subprocess
-from pathlib import Path
 
 import sweeps
 from native import printed
 from pendulum_fmus.project import PROGRAM
-from sweeps import LONG, SHORT, done, expected, journal_of, local, table, wait_until
-
-
-def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
-    """Run a sweep and return its rows."""
-    out = sweep.with_suffix(".csv")
-    printed("sweep", sweep, "--out", out, *options)
-    return table(out)
-
-
-# --- tables ---------------------------------------------------------------------------------------
-
-
-def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads(program, tmp_path):
-    sweep = sweeps.written(tmp_path, SHORT)
-    first = expected(sweep)
-    for threads in (1, 5):
-        swept(sweep, "--threads", threads)
-        assert sweep.with_suffix(".csv").read_bytes() == first
-    lines = first.decode().splitlines(keepends=True)[1:]
-    ranges = [printed("sweep", sweep, "--rows", chunk) for chunk in ("0..7", "7..8", "8..32")]
-    found = "".join(ranges).splitlines(keepends=True)
-    assert sorted(found, key=lines.index) == lines
+from sweeps import LONG, done, expected, journal_of, local, wait_until
 
 
 def test_a_killed_sweep_resumes(program, tmp_path):
@@ -75,23 +52,3 @@ def test_a_rejected_draw_ends_the_sweep_with_run_and_reason(program, tmp_path):
     assert "expected a finite number from 0.000001 to 1000000 [kg]" in result.stderr
     assert int(said[1]) not in done(out)
     assert not out.exists()
-
-
-# --- the examples ---------------------------------------------------------------------------------
-
-
-def test_the_examples_vary_what_they_name(program, tmp_path):
-    """With fewer values and draws."""
-    folder = sweeps.shortened(tmp_path)
-    assert sorted(file.name for file in folder.iterdir()) == ["gains.toml", "robustness.toml"]
-    gains, robustness = (swept(folder / f"{name}.toml") for name in ("gains", "robustness"))
-    corners = {"pid.kp": {100, 600}, "pid.kd": {20, 200}, "rbf.eta": {0.01, 0.5}}
-    assert len(gains) == 8
-    for name, values in corners.items():
-        assert {float(row[f"controller.{name}"]) for row in gains} == values
-    rates = [row["controller.rbf.eta"] for row in robustness]
-    assert rates == ["0.1"] * 5 + ["0.2"] * 5 + ["0.3"] * 5
-    lengths = [float(row["plant.l"]) for row in robustness]
-    assert lengths[:5] == lengths[5:10] == lengths[10:], "the same pendulums for every rate"
-    assert all(0.2 <= length <= 0.3 for length in lengths)
-    assert all(abs(float(row["final_e"])) < 0.01 for row in robustness)
