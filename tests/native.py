@@ -111,6 +111,26 @@ def replaced(text: str, replacements: Mapping[str, str]) -> str:
     return text
 
 
+# --- archives -------------------------------------------------------------------------------------
+
+
+def read(archive: Path) -> dict[str, bytes]:
+    """Return the files of an archive by name."""
+    with zipfile.ZipFile(archive) as package:
+        return {name: package.read(name) for name in package.namelist()}
+
+
+def write(archive: Path, files: Mapping[str, str | bytes]) -> Path:
+    """Write an archive; return its path."""
+    with zipfile.ZipFile(archive, "w") as package:
+        for name, data in files.items():
+            # Unchanged: `writestr` would correct a name given as a string.
+            entry = zipfile.ZipInfo("x")
+            entry.filename = name
+            package.writestr(entry, data)
+    return archive
+
+
 # --- FMUs in C ------------------------------------------------------------------------------------
 
 SOURCES = ROOT / "tests" / "c"
@@ -141,12 +161,8 @@ def compiled(folder: Path, *definitions: str, source: str) -> bytes:
 def pack(file: Path, xml: str, binary: bytes, **resources: str) -> Path:
     """Write an FMU whose binary has the name of the file."""
     platform = "x86_64-linux" if 'fmiVersion="3.0"' in xml else "linux64"
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("modelDescription.xml", xml)
-        archive.writestr(f"binaries/{platform}/{file.stem}.so", binary)
-        for name, text in resources.items():
-            archive.writestr(f"resources/{name}", text)
-    return file
+    files = {"modelDescription.xml": xml, f"binaries/{platform}/{file.stem}.so": binary}
+    return write(file, files | {f"resources/{name}": text for name, text in resources.items()})
 
 
 def in_c(file: Path, *definitions: str, xml: str = "", **resources: str) -> Path:
@@ -207,7 +223,5 @@ def prepare(package: Path) -> Path:
 
 def with_binary(fmu: Path, content: bytes, to: Path) -> Path:
     """Copy an FMU with another component."""
-    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(to, "w") as new:
-        for name in old.namelist():
-            new.writestr(name, content if name.startswith("binaries/") else old.read(name))
-    return to
+    files = read(fmu)
+    return write(to, files | {name: content for name in files if name.startswith("binaries/")})

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from native import SOURCES, in_c, write_system
+from native import SOURCES, in_c, read, write, write_system
 from sweeps import table
-from test_validate import cargo_fmu, check, findings, read, write
+from test_validate import cargo_fmu, check, findings
 
 pytestmark = pytest.mark.usefixtures("program")
 

@@ -9,13 +9,13 @@ import shutil
 import struct
 import subprocess
 import sys
-import zipfile
 from hashlib import sha256
 from pathlib import Path
 
 import fmpy
 import pytest
 
+import native
 from native import run
 from pendulum_fmus.project import PROGRAM, ROOT
 from test_hosts import CROSS
@@ -85,8 +85,7 @@ def binaries(model: str, folder: Path = CROSS) -> dict[str, str]:
 
 def read(model: str, platform: str, folder: Path = CROSS) -> bytes:
     """Return the binary of a platform."""
-    with zipfile.ZipFile(fmu(model, folder)) as archive:
-        return archive.read(binaries(model, folder)[platform])
+    return native.read(fmu(model, folder))[binaries(model, folder)[platform]]
 
 
 def functions(model: str) -> set[str]:
@@ -106,15 +105,11 @@ def macos(model: str):
 @each_model
 @each_folder
 def test_a_binary_for_each_platform_is_added_to_the_plain_fmu(fmus, model, folder):
-    def description(file: Path) -> bytes:
-        with zipfile.ZipFile(file) as archive:
-            return archive.read("modelDescription.xml")
-
-    with zipfile.ZipFile(fmu(model, folder)) as archive:
-        names = {name for name in archive.namelist() if name.startswith("binaries/")}
+    merged, plain = native.read(fmu(model, folder)), native.read(fmus / f"{model}.fmu")
+    names = {name for name in merged if name.startswith("binaries/")}
     assert names == set(binaries(model, folder).values())
-    assert description(fmu(model, folder)) == description(fmus / f"{model}.fmu")
-    contents = {platform: read(model, platform, folder) for platform in BINARIES[folder]}
+    assert merged["modelDescription.xml"] == plain["modelDescription.xml"]
+    contents = {platform: merged[name] for platform, name in binaries(model, folder).items()}
     guid = fmpy.read_model_description(fmu(model, folder)).guid.encode()
     rustc = ["rustc", "--print", "sysroot"]
     sysroot = subprocess.run(rustc, capture_output=True, text=True, check=True).stdout.strip()
@@ -142,12 +137,9 @@ def test_a_build_in_another_folder_gives_the_same_bytes(folder, monkeypatch):
     monkeypatch.setenv("PATH", os.pathsep.join([tools, os.environ["PATH"]]))
     # It takes longer than other runs of the program.
     subprocess.run([PROGRAM, "export", "Source", *options, "--out", copy], cwd=copy, check=True)
+    ours, theirs = native.read(copy / "Source.fmu"), native.read(fmu("Source", folder))
     for name in binaries("Source", folder).values():
-        with (
-            zipfile.ZipFile(copy / "Source.fmu") as own,
-            zipfile.ZipFile(fmu("Source", folder)) as f,
-        ):
-            assert own.read(name) == f.read(name), name
+        assert ours[name] == theirs[name], name
 
 
 # --- Linux ----------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import pytest
 from lxml import etree, html
 from playwright.sync_api import Browser
 
+from native import read
 from test_package import MODELS, Fmu, each_fmu, each_model, fmu, of
 
 PAGE = "documentation/index.html"
@@ -74,7 +75,7 @@ def test_the_page_needs_nothing_but_files_of_the_fmu(fmu, page):
             if attribute in {"src", "href", "data", "srcset"}:
                 links.append(value)
     assert "licenses/LICENSE-MIT" in links
-    files = fmu.names()
+    files = read(fmu.path)
     for link in links:
         if link.startswith("#"):
             assert link[1:] in identifiers

@@ -13,6 +13,8 @@ from fmpy.model_description import ModelDescription
 from fmpy.validation import validate_fmu
 from lxml import etree
 
+from native import read
+
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 STANDARD = Path(fmpy.__file__).parent
@@ -44,15 +46,9 @@ class Fmu(NamedTuple):
         """FMPy's model description."""
         return fmpy.read_model_description(self.path)
 
-    def names(self) -> list[str]:
-        """Return the paths of its files."""
-        with zipfile.ZipFile(self.path) as archive:
-            return archive.namelist()
-
     def read(self, name: str) -> bytes:
         """Return a file."""
-        with zipfile.ZipFile(self.path) as archive:
-            return archive.read(name)
+        return read(self.path)[name]
 
     def xml(self, name: str = "modelDescription.xml") -> etree._Element:
         """Return the root of an XML file, by default of the model description."""

@@ -15,11 +15,13 @@ from native import (
     RELAY,
     ROOT,
     in_c,
+    read,
     refusal,
     replaced,
     run,
     simulate,
     with_units,
+    write,
     write_system,
 )
 
@@ -72,8 +74,7 @@ def package(request: pytest.FixtureRequest, packages: Path) -> Path:
 
 def structure(package: Path) -> etree._Element:
     """Return the root of SystemStructure.ssd."""
-    with zipfile.ZipFile(package) as archive:
-        return etree.fromstring(archive.read("SystemStructure.ssd"))
+    return etree.fromstring(read(package)["SystemStructure.ssd"])
 
 
 def elements(root: etree._Element, path: str) -> list[etree._Element]:
@@ -332,32 +333,17 @@ def write_in_files(folder: Path, ending: str, fmu: str = "Relay.fmu") -> Path:
     of_type = {"ssp": "package", "ssd": "definition"}[ending]
     inner = f"{head}{system}{inner}{end}</SystemStructureDescription>"
     component = f'<Component name="inner" type="application/x-ssp-{of_type}" source="in.{ending}">'
-    package, part = folder / "outer.ssp", folder / "in.ssp"
-    with zipfile.ZipFile(part, "w") as archive:
-        archive.writestr("SystemStructure.ssd", inner)
-        archive.write(folder / fmu, "resources/A relay.fmu")
-    with zipfile.ZipFile(package, "w") as archive:
-        archive.writestr(
-            "SystemStructure.ssd",
-            f"{head}{outermost}{before}{component}{connectors}</Component>{outer}",
-        )
-        archive.writestr("values.ssv", VALUES)
-        archive.writestr("names.ssm", MAPPING)
-        archive.write(folder / "Relay.fmu", "resources/A relay.fmu")
-        archive.write(part, "in.ssp")
-        archive.writestr("in.ssd", inner)
-    return package
+    files = {"SystemStructure.ssd": inner, "resources/A relay.fmu": (folder / fmu).read_bytes()}
+    part = write(folder / "in.ssp", files).read_bytes()
+    structure = f"{head}{outermost}{before}{component}{connectors}</Component>{outer}"
+    return write_nested(folder, structure, f"{ending}.ssp", **{"in.ssp": part, "in.ssd": inner})
 
 
-def write_nested(folder: Path, structure=NESTED, values=VALUES, mapping=MAPPING) -> Path:
+def write_nested(folder: Path, structure=NESTED, name="nested.ssp", **parts: str | bytes) -> Path:
     """Write a package with the nested system."""
-    package = folder / "nested.ssp"
-    with zipfile.ZipFile(package, "w") as archive:
-        archive.writestr("SystemStructure.ssd", structure)
-        archive.writestr("values.ssv", values)
-        archive.writestr("names.ssm", mapping)
-        archive.write(folder / "Relay.fmu", "resources/A relay.fmu")
-    return package
+    files = {"SystemStructure.ssd": structure, "values.ssv": VALUES, "names.ssm": MAPPING}
+    files["resources/A relay.fmu"] = (folder / "Relay.fmu").read_bytes()
+    return write(folder / name, files | parts)
 
 
 def test_a_nested_package_gives_the_bits_of_the_same_components_on_one_level(folder, tmp_path):

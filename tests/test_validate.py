@@ -15,7 +15,7 @@ import fmpy
 import pytest
 from lxml import etree
 
-from native import SOURCES, in_c, run
+from native import SOURCES, in_c, read, run, write
 from pendulum_fmus.project import ROOT
 from test_package import FMI3_FUNCTIONS
 
@@ -24,9 +24,6 @@ MEMORY = 1 << 30
 
 SECONDS = 60
 """Processor time of one run [s], which does not depend on the load of the machine."""
-
-Fmu = dict[str, bytes]
-"""The files of an FMU by name."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -54,21 +51,6 @@ def findings(file: Path, *options: str) -> list[str]:
     assert result.returncode == (errors > 0)
     assert summary.startswith(f"{errors or 'no'} error"), summary
     return found
-
-
-def read(file: Path) -> Fmu:
-    with zipfile.ZipFile(file) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
-def write(file: Path, content: dict[str, str | bytes], method: int = zipfile.ZIP_STORED) -> Path:
-    with zipfile.ZipFile(file, "w", method) as archive:
-        for name, data in content.items():
-            # Unchanged: `writestr` would correct a name given as a string.
-            entry = zipfile.ZipInfo("x")
-            entry.filename, entry.compress_type = name, method
-            archive.writestr(entry, data)
-    return file
 
 
 def check(found: list[str], *expected: str) -> None:

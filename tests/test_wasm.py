@@ -6,7 +6,6 @@ The tests of the program need the feature `sandbox`: `make sandbox`.
 import os
 import re
 import shutil
-import zipfile
 from pathlib import Path
 
 import fmpy
@@ -16,7 +15,7 @@ import wasmtime.component
 from fmpy import read_model_description
 from lxml import etree
 
-from native import LOOPS, PROGRAM, call, new_package, prepare, run, with_binary
+from native import LOOPS, PROGRAM, call, new_package, prepare, read, run, with_binary
 from pendulum_fmus.project import ROOT
 
 WASM = ROOT / "target" / "wasm"
@@ -83,10 +82,9 @@ def program(*arguments: object, cache: Path = CACHE) -> tuple[int, str, str]:
 
 
 def binary(path: Path) -> bytes:
-    with zipfile.ZipFile(path) as archive:
-        [name] = [n for n in archive.namelist() if n.startswith("binaries/")]
-        assert name.startswith("binaries/wasm32-wasip2/")
-        return archive.read(name)
+    [(name, content)] = [file for file in read(path).items() if file[0].startswith("binaries/")]
+    assert name.startswith("binaries/wasm32-wasip2/")
+    return content
 
 
 @pytest.fixture(scope="session")
@@ -108,9 +106,7 @@ def test_an_fmu_has_a_component_and_the_manifest_of_the_draft(components):
     paths = sorted(components.glob("*.fmu"))
     assert len(paths) == 5
     for path in paths:
-        with zipfile.ZipFile(path) as archive:
-            manifest = etree.fromstring(archive.read(EXTRA))
-        etree.XMLSchema(file=str(schema)).assertValid(manifest)
+        etree.XMLSchema(file=str(schema)).assertValid(etree.fromstring(read(path)[EXTRA]))
         assert b"wasi:" not in binary(path)
         assert len(binary(path)) <= 200_000
         has_exchange = read_model_description(path).modelExchange is not None
