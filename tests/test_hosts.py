@@ -33,6 +33,7 @@ CROSS = FMUS.parent / "cross"
 # Results are compared bit by bit, so the compiler must not fuse multiplications and additions.
 OPTIONS = """-std=c99 -D_POSIX_C_SOURCE=200809L -Wall -Wextra -Werror -g
 -ffp-contract=off""".split()
+OPTIONS.append(f"-I{Path(fmpy.__file__).parent / 'c-code'}")
 
 
 # --- machines -------------------------------------------------------------------------------------

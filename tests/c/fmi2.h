@@ -8,6 +8,7 @@ typedef void *Component;
 typedef void *State;
 typedef const unsigned *References;
 typedef int Flag;
+typedef char Byte;
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING } Status;
 
 typedef struct {

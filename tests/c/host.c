@@ -101,10 +101,10 @@ static void steps(Component c, int first, int last)
         EXPECT(OK, do_step(c, k * H, H));
 }
 
-static char *serialized(Component c, State state, size_t *size)
+static Byte *serialized(Component c, State state, size_t *size)
 {
     EXPECT(OK, SerializedFMUstateSize(c, state, size));
-    char *bytes = malloc(*size);
+    Byte *bytes = malloc(*size);
     EXPECT(OK, SerializeFMUstate(c, state, bytes, *size));
     for (size_t k = 0; k < *size; ++k)
         CHECK(bytes[k] || 1);
@@ -152,7 +152,7 @@ static void fmu_state(void)
     initialize(c, 0.0);
     steps(c, 0, 20);
     EXPECT(OK, GetFMUstate(c, &state));
-    char *bytes = serialized(c, state, &size);
+    Byte *bytes = serialized(c, state, &size);
     steps(c, 20, 40);
     const double end = get_all(c);
     EXPECT(OK, DeSerializeFMUstate(other, bytes, size, &copy));
@@ -178,19 +178,19 @@ static void damaged_bytes(void)
     State state = NULL, none = NULL;
     size_t size;
     EXPECT(OK, GetFMUstate(c, &state));
-    char *bytes = serialized(c, state, &size);
+    Byte *bytes = serialized(c, state, &size);
     for (size_t length = 0; length < size; ++length) {
-        char *part = malloc(length ? length : 1);
+        Byte *part = malloc(length ? length : 1);
         memcpy(part, bytes, length);
         EXPECT(ERROR, DeSerializeFMUstate(c, part, length, &none));
         free(part);
     }
     for (size_t bit = 0; bit < 8 * size; bit += 3) {
-        bytes[bit / 8] ^= (char)(1 << bit % 8);
+        bytes[bit / 8] ^= (Byte)(1 << bit % 8);
         EXPECT(ERROR, DeSerializeFMUstate(c, bytes, size, &none));
-        bytes[bit / 8] ^= (char)(1 << bit % 8);
+        bytes[bit / 8] ^= (Byte)(1 << bit % 8);
     }
-    char *small = malloc(size - 1);
+    Byte *small = malloc(size - 1);
     EXPECT(ERROR, SerializeFMUstate(c, state, small, size - 1));
     CHECK(!none);
     EXPECT(OK, DeSerializeFMUstate(c, bytes, size, &none));

@@ -189,7 +189,7 @@ static void bad_arguments_in(Component c)
     EXPECT(ERROR, ActivateModelPartition(c, unknown, 0.0));
 }
 
-static Component instantiate(const char *name, const char *token, Logger log)
+static Component instantiate(const char *name, const char *token, fmi3LogMessageCallback log)
 {
     return InstantiateCoSimulation(name, token, NULL, false, true, false, false, NULL, 0, &messages,
                                    log, NULL);
@@ -359,7 +359,7 @@ static void sizes(void)
     resize(c, sizes, LONGEST);
     steps(c, 20, 40);
     EXPECT(OK, GetFMUState(c, &state));
-    char *bytes = serialized(c, state, &size);
+    Byte *bytes = serialized(c, state, &size);
     const double end = get_all(c);
     EXPECT(OK, FreeFMUState(c, &state));
     FreeInstance(c);
