@@ -202,6 +202,12 @@ impl Fmu {
         matches!(&self.code, Code::Binary(binary) if binary.file.ends_with(".wasm"))
     }
 
+    /// Whether it must not be called again in this process, because of a fatal error.
+    pub(crate) fn is_lost(&self) -> bool {
+        let Code::Binary(Binary { library, .. }) = &self.code else { return false };
+        matches!(library.get(), Some(Ok((library, _))) if library.is_lost())
+    }
+
     /// Its file name.
     pub fn file_name(&self) -> String {
         self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()

@@ -1,5 +1,5 @@
 //! The worker processes of a sweep. A process that an FMU ends is replaced by another one, and only the run
-//! in progress is lost.
+//! in progress is lost. So is a process in which an FMU has had a fatal error.
 
 use std::collections::VecDeque;
 use std::io;
@@ -49,6 +49,14 @@ pub(crate) enum Outcome<R> {
     Crash(Crash),
 }
 
+/// Why a worker gets no more tasks.
+enum End {
+    /// Its process has ended.
+    Process(Ended),
+    /// It has replied that an FMU must not be called again.
+    Lost,
+}
+
 /// Longest interval between looks at the workers, and the first one after tasks were handed out, or if a worker has
 /// fewer tasks than it could do, at the end.
 const PERIOD: Duration = Duration::from_millis(4);
@@ -60,7 +68,7 @@ const MAX_AHEAD: usize = 256;
 /// The time that workers have to free their FMUs at the end.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// The running workers of a sweep, which get tasks of type `T` and reply once to each.
+/// The running workers of a sweep, which get tasks of type `T` and reply once to each, and whether they cannot do more.
 pub(crate) struct Pool<'a, T> {
     setup: &'a Workers<'a>,
     /// The components and their FMUs.
@@ -113,22 +121,23 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     }
                     continue;
                 };
-                let ended = busy.collect(&mut keep)?;
-                if let Some(ended) = ended {
+                if let Some(end) = busy.collect(&mut keep)? {
                     // Another worker does its tasks, except for the one in progress.
                     let mut busy = self.busy.swap_remove(index);
-                    let how = match ended {
-                        // The limit differs between machines.
-                        Ended::OutOfMemory(_) => "used too much memory and was killed".to_owned(),
-                        ended => ended.to_string(),
-                    };
-                    let crash = Crash::new(&busy.worker, &self.names, &how);
-                    let Some(task) = busy.tasks.pop_front() else {
-                        bail!("{}", crash.text);
-                    };
+                    if let End::Process(ended) = end {
+                        let how = match ended {
+                            // The limit differs between machines.
+                            Ended::OutOfMemory(_) => "used too much memory and was killed".into(),
+                            ended => ended.to_string(),
+                        };
+                        let crash = Crash::new(&busy.worker, &self.names, &how);
+                        let Some(task) = busy.tasks.pop_front() else {
+                            bail!("{}", crash.text);
+                        };
+                        keep(vec![(task, Outcome::Crash(crash))])?;
+                    }
                     rest += busy.tasks.len() as u64;
-                    waiting.extend(busy.tasks.drain(..));
-                    keep(vec![(task, Outcome::Crash(crash))])?;
+                    waiting.extend(busy.tasks);
                     continue;
                 }
                 // Less and less at the end, so that all workers end at about the same time.
@@ -197,22 +206,24 @@ impl<T> Drop for Pool<'_, T> {
 }
 
 impl<T: Copy> Busy<T> {
-    /// Passes on the answers; returns how the worker has ended, if so. A worker that has soon done more than
+    /// Passes on the answers; returns why the worker gets no more tasks, if so. A worker that has soon done more than
     /// half of its tasks gets twice as many from now on; one whose tasks take long gets one at a time.
     fn collect<R: DeserializeOwned>(
         &mut self,
         keep: &mut impl FnMut(Vec<(T, Outcome<R>)>) -> Result<()>,
-    ) -> Result<Option<Ended>> {
+    ) -> Result<Option<End>> {
         let mut answers = Vec::new();
-        let mut ended = None;
-        while ended.is_none()
+        let mut end = None;
+        while end.is_none()
             && let Some(event) = self.worker.look()?
         {
             match event {
-                Event::Ended(how) => ended = Some(how),
+                Event::Ended(how) => end = Some(End::Process(how)),
                 Event::Replied => {
                     let task = self.tasks.pop_front().context("a worker answers unasked")?;
-                    answers.push((task, Outcome::Reply(self.worker.reply()?)));
+                    let (reply, is_lost) = self.worker.reply::<(R, bool)>()?;
+                    answers.push((task, Outcome::Reply(reply)));
+                    end = is_lost.then_some(End::Lost);
                 }
             }
         }
@@ -220,8 +231,8 @@ impl<T: Copy> Busy<T> {
         if has_answered {
             keep(answers)?;
         }
-        if ended.is_some() {
-            return Ok(ended);
+        if end.is_some() {
+            return Ok(end);
         }
         let is_soon = self.since.elapsed() < AHEAD;
         if has_answered {

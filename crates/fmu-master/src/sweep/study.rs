@@ -274,7 +274,7 @@ impl Study {
         Pool::new(workers, self.plan.names())
     }
 
-    /// Does the tasks of the process that has started this worker process.
+    /// Does the tasks of the process that has started this worker process, until an FMU must not be called again.
     ///
     /// # Errors
     /// A task is damaged.
@@ -285,7 +285,12 @@ impl Study {
                 Task::Try(index) => self.initialize(index, record).map(|_| None),
                 Task::Simulate(index) => self.simulate(index, record).map(Some),
             };
-            service.reply::<Reply>(&reply.map_err(|error| format!("{error:#}")));
+            let is_lost = self.plan.components.iter().any(|component| component.fmu.is_lost());
+            let reply: Reply = reply.map_err(|error| format!("{error:#}"));
+            service.reply(&(reply, is_lost));
+            if is_lost {
+                break;
+            }
         }
         Ok(())
     }
