@@ -76,15 +76,16 @@ def test_runs_of_a_loaded_system_have_the_bits_of_others(fmus, in_process):
     assert len(set(map(str, expected))) == 5
 
 
-def test_a_loaded_system_runs_again_after_a_crash(faulty):
+@pytest.mark.parametrize(("fault", "ended"), [("CRASH", "signal 11"), ("FATALLY", "fmi2Fatal")])
+def test_a_loaded_system_runs_again_after_a_crash_or_a_fatal_error(faulty, fault, ended):
     def run(at: float) -> Result:
-        start = {"fault": FAULTS.index("CRASH"), "at": at}
+        start = {"fault": FAULTS.index(fault), "at": at}
         return loaded.simulate(start, stop_time=1.0, step_size=0.125)
 
     with System(faulty).loaded() as loaded:
         for _ in range(2):
             assert len(run(2.0)["time"]) == 9
-            with pytest.raises(FmuError, match="signal 11"):
+            with pytest.raises(FmuError, match=ended):
                 run(0.5)
 
 

@@ -10,7 +10,7 @@
 #include "stubs.h"
 
 enum { Y, R, E, U, AT, REALS };
-enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL, END, FORK };
+enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL, END, FORK, FATALLY };
 
 typedef struct {
     const Callbacks *callbacks;
@@ -44,6 +44,8 @@ static int fault(Instance *c) {
         break;
     case FAIL:
         return ERROR;
+    case FATALLY:
+        return FATAL;
     case FORK: /* returns in both processes, in the first one when the second has ended */
         for (int second = fork(), ended = 0; second > 0 && ended != second;) ended = waitpid(second, NULL, 0);
         break;

@@ -340,7 +340,9 @@ fn in_worker(
             compute: &|function, time, inputs| kept.functions.compute(function, time, inputs),
         },
     )?;
-    if keeps && matches!(process.0.look(), Ok(None)) {
+    // A run that failed may have left an FMU that must not be called again.
+    let is_sound = keeps && !matches!(outcome, Outcome::Failed(_));
+    if is_sound && matches!(process.0.look(), Ok(None)) {
         kept.worker = Some(process);
     }
     let mut done = done.into_inner();

@@ -122,6 +122,7 @@ class System:
 
         A run with other start values then takes little more than its steps. Several threads may
         run it at the same time. FMUs that do not forget everything when they are freed see it.
+        After a run that fails, they are loaded again.
 
         Examples
         --------
