@@ -37,9 +37,9 @@ from native import LOOPS, in_c, run
 from native import simulate as by_command_line
 from sweeps import done, journal_of
 from test_crashes import FAULTS, faulty
-from test_native import TYPED, binaries, sums
+from test_native import TYPED, binaries, relay, sums
 
-__all__ = ["binaries", "faulty", "sums"]  # fixtures
+__all__ = ["binaries", "faulty", "relay", "sums"]  # fixtures
 
 PENDULUM = "target/fmu/Pendulum.fmu"
 
@@ -162,6 +162,11 @@ def test_results_have_the_types_of_fmi_in_numpy_pandas_polars_and_files(sums, tm
     assert result["a.texts"].tolist() == [["", 'a "b", c', "π\nline 2"]] * 5
     run("simulate", system.file, "--csv", "out.parquet", cwd=tmp_path)
     assert compare(result, tmp_path / "out.parquet").is_same
+
+
+def test_the_item_of_an_enumeration_of_fmi_2_is_its_number(relay):
+    system = System(relay({"a": {"shape": "square"}}, (), outputs=["a.choice"]))
+    assert system.simulate()["a.choice"].tolist() == [4] * 5
 
 
 def test_jupyter_shows_a_picture_of_a_result(fmus):

@@ -25,8 +25,13 @@ impl Columns {
     pub fn push(&mut self, columns: &[Column], row: &Row) {
         self.data.resize_with(columns.len(), Data::default);
         self.times.push(row.time);
-        for (data, value) in self.data.iter_mut().zip(row.values(columns)) {
-            data.push(value);
+        let values = columns.iter().zip(row.values(columns));
+        for (data, (column, value)) in self.data.iter_mut().zip(values) {
+            data.push(match value {
+                // As FMI 2.0 accesses the number of an item.
+                Value::Int32(item) if column.kind == Type::Enumeration => Value::Int64(item.into()),
+                value => value,
+            });
         }
     }
 
