@@ -18,7 +18,7 @@ from sweeps import table, wait_until
 LIMIT = 3
 """Time limit of calls that hang [s], which no other call takes on a busy machine."""
 
-FAULTS = " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END FORK FATALLY".split(" ")
+FAULTS = " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END FORK START FATALLY".split(" ")
 """The faults of tests/c/faulty.c, by number."""
 
 
@@ -110,6 +110,13 @@ def test_a_process_that_an_fmu_has_forked_writes_nothing(folder):
             result = run("sweep", "sweep.toml", "--out=runs.csv", "--threads=1", cwd=folder)
             assert [row["failure"] for row in table(folder / "runs.csv")] == 5 * [""]
         assert (result.returncode, result.stderr) == (0, f"{warning} was ended\n")
+
+
+def test_an_fmu_may_run_the_program(folder, monkeypatch):
+    monkeypatch.setenv("FAULTY_COMMAND", f"{PROGRAM} simulate system.toml --csv=inner.csv")
+    result = simulated(folder, "START")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert [lines(folder / file) for file in ("inner.csv", "out.csv")] == [1002, 1002]
 
 
 @pytest.mark.parametrize("fault", ["CRASH", "EXIT"])

@@ -10,7 +10,7 @@
 #include "stubs.h"
 
 enum { Y, R, E, U, AT, REALS };
-enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL, END, FORK, FATALLY };
+enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL, END, FORK, START, FATALLY };
 
 typedef struct {
     const Callbacks *callbacks;
@@ -49,6 +49,8 @@ static int fault(Instance *c) {
     case FORK: /* returns in both processes, in the first one when the second has ended */
         for (int second = fork(), ended = 0; second > 0 && ended != second;) ended = waitpid(second, NULL, 0);
         break;
+    case START: /* of a program, which has all files and variables of this process */
+        return system(getenv("FAULTY_COMMAND")) == 0 ? OK : ERROR;
     case END:
         c->callbacks->logger(c->callbacks->environment, "", OK, "faulty", "it has %s", "arrived");
         return DISCARD;

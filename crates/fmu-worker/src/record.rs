@@ -45,8 +45,10 @@ const STEP: usize = 2;
 const LOGGED_IN: usize = 3;
 /// Whether a process that was forked has gone on with the work.
 const FORKED: usize = 4;
+/// Whether a worker has the record.
+const CLAIMED: usize = 5;
 /// The newest message and the stage: the length in bytes, then the bytes. Longer texts are cut.
-const MESSAGE: usize = 5;
+const MESSAGE: usize = 6;
 const STAGE: usize = MESSAGE + 1 + MAX_TEXT / 8;
 const MAX_TEXT: usize = 1024;
 /// Number of words.
@@ -126,6 +128,11 @@ impl Record {
     /// both; true once. The second process ends when it is about to reply.
     pub fn take_forked(&self) -> bool {
         self.word(FORKED).swap(0, Relaxed) == 1
+    }
+
+    /// Whether no process had the record before, which is now this process's.
+    pub(crate) fn claim(&self) -> bool {
+        self.word(CLAIMED).swap(1, Relaxed) == 0
     }
 
     /// A number that differs for every call.

@@ -32,15 +32,19 @@ const PERIOD: Duration = Duration::from_micros(200);
 const SUPERVISOR_PERIOD: Duration = Duration::from_millis(200);
 
 impl Service {
-    /// The service of this process; `None` if it was not started as a worker. The process ends when its
-    /// supervisor is gone.
+    /// The service of this process; `None` if it was not started as a worker, or if another process is the worker, as
+    /// that of an FMU that starts this program. On Unix, the process ends when its supervisor is gone.
     ///
     /// # Errors
     /// The folder that it shares with the supervisor is not a worker's.
     pub fn of_this_process() -> io::Result<Option<Self>> {
         let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return Ok(None) };
-        end_with_supervisor(&folder);
-        Self::open(&folder).map(Some)
+        let service = Self::open(&folder)?;
+        let is_worker = service.record.claim();
+        if is_worker {
+            end_with_supervisor(&folder);
+        }
+        Ok(is_worker.then_some(service))
     }
 
     /// Another end of the same channels, for the same thread.
