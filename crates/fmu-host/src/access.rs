@@ -5,7 +5,7 @@ use std::ffi::CString;
 use fmu_description::{Type, Value};
 
 use crate::instance::{Instance, Number};
-use crate::outcome::{Cause, Failure, Result, Success};
+use crate::outcome::{Cause, Failure, Result};
 
 /// The operation that gets or sets variables of a type, such as `get_float64`.
 pub fn operation(verb: &str, of_type: Type) -> String {
@@ -34,12 +34,14 @@ macro_rules! access {
                         Ok(got)
                     }
                     Type::String => {
-                        fill(values, i.get_string(r, n)?, Value::String);
-                        Ok(Success::Ok)
+                        let (got, own) = i.get_string(r, n)?;
+                        fill(values, own, Value::String);
+                        Ok(got)
                     }
                     Type::Binary => {
-                        fill(values, i.get_binary(r, n)?, Value::Binary);
-                        Ok(Success::Ok)
+                        let (got, own) = i.get_binary(r, n)?;
+                        fill(values, own, Value::Binary);
+                        Ok(got)
                     }
                     Type::Clock => {
                         let mut own = vec![0; n];
@@ -122,7 +124,7 @@ fn set_whole<'a, T: Number + TryFrom<i128>>(
         Ok(own) => T::set(i, r, &own),
         Err(value) => Err(Failure {
             function: (i.version().function(&operation("set", kind))).unwrap_or_default(),
-            cause: Cause::OutOfRange(value as f64),
+            cause: Cause::OutOfRange(value),
         }),
     }
 }

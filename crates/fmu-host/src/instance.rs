@@ -500,11 +500,11 @@ impl Instance {
     }
 
     /// `fmi2GetString`, `fmi3GetString` of variables with `n` elements in total.
-    pub fn get_string(&mut self, references: &[u32], n: usize) -> Result<Vec<String>> {
-        let texts = self.get_string_late(references, n, || ())?;
+    pub fn get_string(&mut self, references: &[u32], n: usize) -> Result<(Success, Vec<String>)> {
+        let (got, texts) = self.get_string_late(references, n, || ())?;
         let cause = Cause::Broke("returned NULL for a string");
-        let texts: Option<_> = texts.into_iter().collect();
-        texts.ok_or_else(|| self.broke("get_string", cause))
+        let texts = texts.into_iter().collect::<Option<_>>();
+        Ok((got, texts.ok_or_else(|| self.broke("get_string", cause))?))
     }
 
     /// As [`Instance::get_string`], but the strings, which may be NULL, are copied only after `between` was
@@ -514,13 +514,13 @@ impl Instance {
         references: &[u32],
         n: usize,
         between: impl FnOnce(),
-    ) -> Result<Vec<Option<String>>> {
+    ) -> Result<(Success, Vec<Option<String>>)> {
         let mut values = vec![ptr::null(); n];
-        call!(both self.get_string(references, &mut values))?;
+        let got = call!(both self.get_string(references, &mut values))?;
         between();
         // SAFETY: by the standard, the FMU's strings are valid until its next call.
         let texts = values.into_iter().map(|value| unsafe { text(value) });
-        Ok(texts.collect())
+        Ok((got, texts.collect()))
     }
 
     /// `fmi2SetString`, `fmi3SetString`
@@ -530,18 +530,18 @@ impl Instance {
     }
 
     /// `fmi3GetBinary` of variables with `n` elements in total.
-    pub fn get_binary(&mut self, references: &[u32], n: usize) -> Result<Vec<Vec<u8>>> {
+    pub fn get_binary(&mut self, references: &[u32], n: usize) -> Result<(Success, Vec<Vec<u8>>)> {
         let (mut sizes, mut values) = (vec![0; n], vec![ptr::null(); n]);
-        Fmi3(self).get_binary(references, &mut sizes, &mut values)?;
+        let got = Fmi3(self).get_binary(references, &mut sizes, &mut values)?;
         let copied = values.iter().zip(sizes).map(|(value, size)| match size {
             0 => Some(Vec::new()),
             _ if value.is_null() => None,
             // SAFETY: not NULL by the check; by the standard, the bytes are valid until the next call.
             _ => Some(unsafe { std::slice::from_raw_parts(*value, size) }.to_vec()),
         });
-        let copied: Option<_> = copied.collect();
         let cause = Cause::Broke("returned NULL for a binary that is not empty");
-        copied.ok_or_else(|| Failure::new("fmi3GetBinary", cause))
+        let copied = copied.collect::<Option<_>>();
+        Ok((got, copied.ok_or_else(|| Failure::new("fmi3GetBinary", cause))?))
     }
 
     /// `fmi3SetBinary`

@@ -99,7 +99,7 @@ pub enum Cause {
     /// The step ended early, at this time (s), which the host did not allow.
     ReturnedEarly(f64),
     /// The type of the variable cannot represent the value.
-    OutOfRange(f64),
+    OutOfRange(i128),
 }
 
 impl Failure {

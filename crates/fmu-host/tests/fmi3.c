@@ -130,7 +130,7 @@ ACCESS(Int64, int64_t)
 ACCESS(UInt64, uint64_t)
 ACCESS(Boolean, uint8_t)
 
-/* The text is all strings one after the other; each element has its end. */
+/* The text is all strings one after the other; each element has its end. A warning if it is empty. */
 Status fmi3SetString(Instance *self, const uint32_t *r, size_t n, const char *const *values,
                      size_t count) {
     (void)r, (void)n;
@@ -151,7 +151,7 @@ Status fmi3GetString(Instance *self, const uint32_t *r, size_t n, const char **v
     for (size_t i = 0; i < count; i++) {
         values[i] = self->text ? self->text + i : NULL;
     }
-    return OK;
+    return self->text && !*self->text ? WARNING : OK;
 }
 
 Status fmi3SetBinary(Instance *self, const uint32_t *r, size_t n, const size_t *sizes,
@@ -172,7 +172,7 @@ Status fmi3GetBinary(Instance *self, const uint32_t *r, size_t n, size_t *sizes,
         sizes[i] = self->size;
         values[i] = self->size == N ? NULL : self->bytes;
     }
-    return OK;
+    return self->size == 0 ? WARNING : OK;
 }
 
 Status fmi3SetClock(Instance *self, const uint32_t *r, size_t n, const uint8_t *values) {

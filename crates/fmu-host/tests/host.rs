@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::{Arc, Mutex};
 
+use fmu_description::{Type, Value};
 use fmu_host::{
     Cause, Failure, Instance, Instantiation, Intermediate, Kind, Library, Logged, Status, Success,
     Version,
@@ -187,9 +188,12 @@ fn values_of_every_type_come_back_and_arrays_as_a_whole() {
         get_boolean set_boolean 0: [1, 0, 1];
     }
     instance.set_binary(&[0], &[b"\x00\xff"]).unwrap();
-    assert_eq!(instance.get_binary(&[0], 1).unwrap(), [b"\x00\xff".to_vec()]);
+    assert_eq!(instance.get_binary(&[0], 1).unwrap().1, [b"\x00\xff".to_vec()]);
     instance.set_binary(&[0], &[b""]).unwrap();
-    assert_eq!(instance.get_binary(&[0], 1).unwrap(), [b"".to_vec()]);
+    let mut empty = [Value::Boolean(true)];
+    let warning = Ok(Success::Warning("fmi3GetBinary"));
+    assert_eq!(instance.get_values(Type::Binary, &[0], &mut empty), warning);
+    assert_eq!(empty, [Value::Binary(Vec::new())]);
     instance.set_binary(&[0], &[&[1; 8]]).unwrap();
     let null = instance.get_binary(&[0], 1).unwrap_err();
     assert!(matches!(null.cause, Cause::Broke(_)), "{null}");
@@ -197,6 +201,9 @@ fn values_of_every_type_come_back_and_arrays_as_a_whole() {
     let clocks = instance.read(3, |i, values| i.get_clock(&[1, 2, 3], values));
     assert_eq!(clocks.unwrap(), [1, 0, 1]);
     assert_eq!(instance.get_and_set_nothing(), Ok(Success::Ok));
+    let large = instance.set_values(Type::Int32, &[1], &[Value::Int64(9_007_199_254_740_993)]);
+    let expected = "fmi3SetInt32 cannot take the value 9007199254740993";
+    assert_eq!(large.unwrap_err().to_string(), expected);
 }
 
 #[test]
@@ -205,9 +212,14 @@ fn texts_are_copied_and_null_is_not_one() {
     let null = instance.get_string(&[0], 1).unwrap_err().to_string();
     assert_eq!(null, "fmi3GetString returned NULL for a string");
     instance.set_string(&[0], &[c"ab".into(), c"cd".into()]).unwrap();
-    assert_eq!(instance.get_string(&[0], 1).unwrap(), ["abcd"]);
-    let elements = instance.get_string_late(&[0], 2, || ()).unwrap();
+    assert_eq!(instance.get_string(&[0], 1).unwrap().1, ["abcd"]);
+    let (_, elements) = instance.get_string_late(&[0], 2, || ()).unwrap();
     assert_eq!(elements, [Some("abcd".into()), Some("bcd".into())]);
+    instance.set_string(&[0], &[c"".into()]).unwrap();
+    let mut empty = [Value::Boolean(true)];
+    let warning = Ok(Success::Warning("fmi3GetString"));
+    assert_eq!(instance.get_values(Type::String, &[0], &mut empty), warning);
+    assert_eq!(empty, [Value::String(String::new())]);
 }
 
 #[test]

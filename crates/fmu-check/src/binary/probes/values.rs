@@ -343,10 +343,10 @@ pub fn strings_of_instances(subject: &Subject<'_>) -> Result<()> {
     // A text may be more than a text, such as the name of a file.
     two.initialize().ok().context(SKIP)?;
     one.advance()?;
-    let expected = one.instance.get_string(&references, n)?;
+    let (_, expected) = one.instance.get_string(&references, n)?;
     let stage = "after strings of another instance were read";
     subject.report.stage(stage);
-    let late = one.instance.get_string_late(&references, n, || {
+    let (_, late) = one.instance.get_string_late(&references, n, || {
         let _ = two.advance();
         let _ = two.instance.get_string(&references, n);
     })?;
