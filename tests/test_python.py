@@ -2,9 +2,11 @@
 
 import _thread
 import math
+import os
 import re
 import signal
 import subprocess
+import sys
 import threading
 import time
 import tomllib
@@ -33,7 +35,7 @@ from fmu_master import (
     sweep,
 )
 from fmu_master._command import COMMAND
-from native import LOOPS, in_c, run
+from native import LOOPS, SECONDS, in_c, run
 from native import simulate as by_command_line
 from sweeps import done, journal_of
 from test_crashes import FAULTS, faulty
@@ -276,6 +278,44 @@ def test_a_step_by_model_exchange_can_be_repeated_after_a_failure(tmp_path):
         hopper.step(0.3)
         assert hopper.get("h") == pytest.approx(0.09, abs=1e-9)
         assert hopper.time == 0.3
+
+
+SHARED = """
+import sys, threading
+from fmu_master import Instance
+
+with Instance(sys.argv[1], in_process=sys.argv[2] == "True") as plant:
+    plant.initialize()
+    steps = threading.Thread(target=lambda: [plant.step(0.001) for _ in range(1000)])
+    steps.start()
+    while steps.is_alive():
+        plant.save(), plant.get("theta")
+"""
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_threads_that_share_an_instance_do_not_wait_for_each_other_forever(fmus, in_process):
+    command = [sys.executable, "-c", SHARED, PENDULUM, str(in_process)]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run(command, env=env, timeout=SECONDS, check=True)
+
+
+def test_what_does_not_fit_an_instance_is_named(fmus):
+    with Instance(PENDULUM) as one, Instance(PENDULUM) as other:
+        state = one.save()
+        other.save()
+        with pytest.raises(FmuError, match="the state is of another instance"):
+            other.restore(state)
+    for value, count in ((5.0, 1), ([1.0, 2.0], 2)):
+        message = rf"rbf\.w0 = .*: values: {count}, expected 4"
+        with Instance("target/fmu/PidRbf_fmi3.fmu", in_process=True) as controller:
+            with pytest.raises(FmuError, match=message):
+                controller.set("rbf.w0", value)
+            controller.set("rbf.w0", np.arange(4.0))
+            controller.set("rbf.w0[2]", 7.0)
+            assert controller.get("rbf.w0").tolist() == [0.0, 7.0, 2.0, 3.0]
+            with pytest.raises(FmuError, match=message):
+                controller.set({"rbf.w0": value})
 
 
 def test_a_crash_of_an_instance_is_an_exception(faulty):

@@ -14,6 +14,7 @@ use fmu_worker::{Event, Record, Worker};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::sync::MutexExt;
 
 use crate::columns::{from_python, to_python};
 use crate::job::{Job, given};
@@ -31,16 +32,27 @@ enum Place {
 pub struct Instance {
     names: Names,
     place: Mutex<Option<Place>>,
+    /// States that are no longer needed. The next call of `save` frees them.
+    forgotten: Mutex<Vec<u64>>,
 }
 
 impl Instance {
-    fn place(&self) -> MutexGuard<'_, Option<Place>> {
-        self.place.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Waits without Python's lock, which the thread that has the FMU needs to return.
+    fn place(&self, py: Python<'_>) -> MutexGuard<'_, Option<Place>> {
+        self.place.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn forgotten(&self) -> MutexGuard<'_, Vec<u64>> {
+        self.forgotten.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn ask<'py>(&self, py: Python<'py>, ask: Ask) -> PyResult<Bound<'py, PyAny>> {
-        let mut place = self.place();
-        let answer = match place.as_mut().context("the instance was freed").map_err(error)? {
+        into_python(py, self.answer(py, ask)?)
+    }
+
+    fn answer(&self, py: Python<'_>, ask: Ask) -> PyResult<Answer> {
+        let mut place = self.place(py);
+        match place.as_mut().context("the instance was freed").map_err(error)? {
             // Not worth releasing the lock of Python, unless the FMU computes for long.
             Place::Here(single) if !matches!(ask, Ask::Step(_) | Ask::Initialize(_)) => {
                 single.answer(&ask).map_err(error)
@@ -54,8 +66,7 @@ impl Instance {
                 }
                 answer
             }
-        };
-        into_python(py, answer?)
+        }
     }
 
     fn typed(&self, values: Values<'_>) -> PyResult<Vec<(usize, Value)>> {
@@ -155,7 +166,7 @@ impl Instance {
         if let Place::There(worker, _) = &mut place {
             receive(py, worker, &names)?;
         }
-        Ok(Self { names, place: Mutex::new(Some(place)) })
+        Ok(Self { names, place: Mutex::new(Some(place)), forgotten: Mutex::default() })
     }
 
     /// The first number of a variable, and the one after its last.
@@ -205,6 +216,9 @@ impl Instance {
     }
 
     fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        for state in std::mem::take(&mut *self.forgotten()) {
+            self.answer(py, Ask::Forget(state))?;
+        }
         self.ask(py, Ask::Save)
     }
 
@@ -212,9 +226,9 @@ impl Instance {
         self.ask(py, Ask::Restore(state))
     }
 
-    fn forget(&self, py: Python<'_>, state: u64) {
-        // An instance that was freed has no states.
-        let _ = self.ask(py, Ask::Forget(state));
+    /// Does not wait: the garbage collector may call it while this thread waits for the FMU.
+    fn forget(&self, state: u64) {
+        self.forgotten().push(state);
     }
 
     fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -240,7 +254,7 @@ impl Instance {
     }
 
     fn free(&self, py: Python<'_>) {
-        let place = self.place().take();
+        let place = self.place(py).take();
         py.detach(|| match place {
             None => {}
             Some(Place::Here(single)) => drop(single),

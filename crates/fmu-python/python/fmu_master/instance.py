@@ -13,6 +13,7 @@ import numpy as np
 from . import _native
 from ._command import WORKER
 from ._values import document, elements, texts
+from .result import FmuError
 
 
 class Variable(NamedTuple):
@@ -161,10 +162,11 @@ class Instance:
     def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
         """Set a variable, or those of a mapping; before the initialization, start values."""
         values = {name: value} if isinstance(name, str) else name
+        scalars = self._values(values)
         if not self._is_initialized:
             self._starts |= values
         else:
-            self._native.set(self._values(values))
+            self._native.set(scalars)
 
     def save(self) -> State:
         """Save the state of the FMU, which can be restored any number of times."""
@@ -172,7 +174,9 @@ class Instance:
         return State(self._native, self._native.save(), self._time)
 
     def restore(self, state: State) -> None:
-        """Return to a saved state and its time."""
+        """Return to a saved state of this instance, and to its time."""
+        if state._native is not self._native:
+            raise FmuError("the state is of another instance, expected one of this instance")
         self._time = self._native.restore(state._number)
 
     @property
@@ -205,4 +209,15 @@ class Instance:
         return self._scalars[name]
 
     def _values(self, values: Mapping[str, Any]) -> list[tuple[int, Any]]:
-        return [(self._numbers(name)[0], value) for name, value in elements(values)]
+        scalars = []
+        for name, value in values.items():
+            numbers = self._numbers(name)
+            # The usual case.
+            if isinstance(value, float) and len(numbers) == 1:
+                scalars.append((numbers[0], value))
+                continue
+            parts = [(self._numbers(part)[0], v) for part, v in elements({name: value})]
+            if len(parts) != len(numbers):
+                raise FmuError(f"{name} = {value}: values: {len(parts)}, expected {len(numbers)}")
+            scalars += parts
+        return scalars
