@@ -129,12 +129,27 @@ def test_inputs_are_functions_or_arrays(fmus):
     table = np.array([(0.0, force), (1.0, force)], dtype=[("time", float), ("u", float)])
     results = [
         simulate(PENDULUM, stop_time=1.0, step_size=step, input=given)
-        for given in ({"u": lambda t: force}, {"time": time, "u": np.full(len(time), force)}, table)
+        for given in (
+            {"u": lambda t: force},
+            {"time": time, "u": lambda t: force},
+            {"time": time, "u": np.full(len(time), force)},
+            table,
+        )
     ]
     for result in results:
         np.testing.assert_array_equal(result["theta"], results[0]["theta"])
     assert results[0]["theta"][-1] > 0
     assert simulate(PENDULUM, stop_time=1.0)["theta"][-1] == 0
+
+
+def test_inputs_may_be_elements_of_matrices_and_any_texts(sums):
+    changes = {
+        '7" causality="parameter" variability="fixed"': '7" causality="input"',
+        '<Dimension start="3"/><Alias': '<Dimension start="3"/><Dimension start="1"/><Alias',
+    }
+    given = {"time": [0.0], "a.u[2,1]": [5], "a.s[1]": ['a\\b\n",'], "a.s[2]": [""]}
+    result = System(sums({"a": {}}, changes=changes)).simulate(input=given)
+    assert (result["a.n"][-1], result["a.k[1,1]"][-1]) == (351, -6)  # the length of the texts
 
 
 @pytest.mark.parametrize(
@@ -204,8 +219,16 @@ def test_messages_name_what_python_has(loop, tmp_path):
             simulate(file, start_values=start)
     with pytest.raises(FmuError, match=r"^unknown field `stopp`, expected one of"):
         System({**loop, "stopp": 1.0}).simulate()
-    with pytest.raises(FmuError, match=r"input = u, expected also a column time \[s\]"):
-        simulate(PENDULUM, input={"u": [1.0]})
+    for given, message in (
+        ({"u": [1.0]}, r"input = u, expected also a column time \[s\]"),
+        ({"r": lambda t: t, "u": [1.0]}, r"input = r, u, expected also a column time \[s\]"),
+        ({"time": [0.0, 1.0], "u": [1.0]}, r"input u: 1 values, expected 2"),
+    ):
+        with pytest.raises(FmuError, match=message):
+            simulate(PENDULUM, input=given)
+    for keys in ({"step": 1.0}, {"stop": 1.0}):
+        with pytest.raises(FmuError, match=r"Pendulum.fmu has no keys, expected a system file"):
+            System(PENDULUM, **keys)
 
 
 def test_what_does_not_fit_is_named(fmus):

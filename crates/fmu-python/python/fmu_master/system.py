@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import csv
 import os
 import tempfile
 import tomllib
@@ -21,8 +22,8 @@ from .components import PythonComponent
 from .result import FmuError, Result
 
 Input = Any
-"""Inputs over time: a structured array, a mapping from names to arrays, or a data frame, with
-"time" [s]; or a mapping from names to functions of the time [s]."""
+"""Inputs over time: a structured array, a data frame, or a mapping from names to arrays or to
+functions of the time [s]. They have the column "time" [s] unless all are functions."""
 
 
 class System:
@@ -60,8 +61,7 @@ class System:
         if isinstance(description, str | os.PathLike):
             self.file = Path(description).absolute()
             if keys:
-                text = _read(self.file)
-                description = tomllib.loads(text)
+                description = self.keys()
         if description is None or isinstance(description, Mapping):
             self.description = _normal({**(description or {}), **keys}, self.file.parent)
 
@@ -75,13 +75,7 @@ class System:
 
     def keys(self) -> dict[str, Any]:
         """Return the keys of the system file, whose paths are relative to its folder."""
-        if self.description is not None:
-            return self.description
-        if self.file.suffix != ".toml":
-            raise FmuError(
-                f"{self.file} cannot be changed, expected a system file (.toml) or a dict"
-            )
-        return tomllib.loads(_read(self.file))
+        return tomllib.loads(self._text()) if self.description is None else self.description
 
     def changed(self, **keys: Any) -> System:
         """Return the system with other values of its keys, such as `connections`."""
@@ -96,7 +90,9 @@ class System:
     def _text(self) -> str:
         """Return the text of a system file, in which functions have no file."""
         if self.description is None:
-            return _read(self.file)
+            if self.file.suffix != ".toml":
+                raise FmuError(f"{self.file} has no keys, expected a system file (.toml) or a dict")
+            return self.file.read_text(encoding="utf-8")
         named = {name: "Python" for name, _ in self._functions()}
         tables = self.description["component"]
         tables = [
@@ -271,10 +267,6 @@ def is_fmu(file: str | os.PathLike[str]) -> bool:
     return os.fspath(file).lower().endswith(".fmu")
 
 
-def _read(file: Path) -> str:
-    return file.read_text(encoding="utf-8")
-
-
 def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return a description with the keys of a system file, and absolute paths."""
     normal = dict(description)
@@ -304,21 +296,28 @@ def _input_file(given: Input, system: str) -> Iterator[Path]:
     names = list(given.columns if hasattr(given, "columns") else given)
     if hasattr(given, "dtype"):
         names = list(given.dtype.names or ())
-    functions = [name for name in names if callable(given[name])]
-    if functions:
+    if "time" in names:
+        time = np.asarray(given["time"]).tolist()
+    elif all(callable(given[name]) for name in names):
         start, stop, step = _native.times(system)
         count = int((stop - start) / step + 1e-6) + 2
-        time = start + np.arange(count) * step
-        values = {"time": time, **{n: [given[n](t) for t in time.tolist()] for n in functions}}
+        time = (start + np.arange(count) * step).tolist()
     else:
-        if "time" not in names:
-            raise FmuError(f"input = {', '.join(names)}, expected also a column time [s]")
-        values = {"time": given["time"], **{n: given[n] for n in names if n != "time"}}
-    lists = [np.asarray(column).tolist() for column in values.values()]
-    lines = [",".join(values), *(",".join(map(toml, row)) for row in zip(*lists, strict=True))]
+        raise FmuError(f"input = {', '.join(names)}, expected also a column time [s]")
+    table = {"time": time}
+    for name in names:
+        values = given[name]
+        table[name] = [values(t) for t in time] if callable(values) else np.asarray(values).tolist()
+        if len(table[name]) != len(time):
+            raise FmuError(f"input {name}: {len(table[name])} values, expected {len(time)}")
     with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
         file = Path(folder, "input.csv")
-        file.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        with file.open("w", encoding="utf-8", newline="") as text:
+            # In quotes, an empty text is not a missing value.
+            writer = csv.writer(text, quoting=csv.QUOTE_ALL)
+            writer.writerow(table)
+            for row in zip(*table.values(), strict=True):
+                writer.writerow([part if isinstance(part, str) else toml(part) for part in row])
         yield file
 
 
