@@ -523,6 +523,19 @@ def test_a_sweep_of_a_frame_resumes(loop, tmp_path):
     assert swept.run()["controller.pid.kp"].tolist() == [200.0, 301.0, 400.0]
 
 
+def test_keywords_replace_the_keys_of_a_sweep_file(loop):
+    swept = Sweep({"plant.M": [1.0, 2.0]}, System({**loop, "stop": 0.2}), signals=SIGNALS)
+    with swept.files() as (file, *_):
+        runs = sweep(file, stop=0.1)
+        for changes in ({"nosuch": 3}, {"signals": SIGNALS | {"error": "nosuch.e"}}):
+            with pytest.raises(FmuError, match="nosuch"):
+                sweep(file, **changes)
+    assert not np.array_equal(runs["iae"], swept.run()["iae"])
+    # No run settles, and none fails.
+    assert np.isnan(runs["settling_time"]).tolist() == [True, True]
+    assert runs["failure"].tolist() == [None, None]
+
+
 def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     hang = {"fault": FAULTS.index("HANG"), "at": 0.5}

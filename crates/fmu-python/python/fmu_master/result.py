@@ -202,11 +202,13 @@ def read(filename: str | os.PathLike[str]) -> Result:
     """
     columns = _native.read(Path(filename))
     units = {name: unit for name, unit, _ in columns}
-    return Result.of({name: _column(cells) for name, _, cells in columns}, units)
+    return Result.of({name: _column(name, cells) for name, _, cells in columns}, units)
 
 
-def _column(cells: Sequence[Any]) -> np.ndarray:
-    if all(cell is None or isinstance(cell, str) for cell in cells):
+def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
+    given = [cell for cell in cells if cell is not None]
+    # Of the columns that may have no values, only that of the failures has texts.
+    if all(isinstance(cell, str) for cell in given) and (given or name == "failure"):
         return np.array(cells, object)
     return np.array([np.nan if cell is None else cell for cell in cells])
 

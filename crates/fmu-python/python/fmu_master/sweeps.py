@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import tempfile
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,9 +37,10 @@ class Sweep:
         interrupted.
     signals
         The variables from which the metrics are computed: `reference`, `output`, `error` and
-        `control`, if the plan does not have them.
+        `control`; they replace those of the plan.
     **keys
-        Other keys of a sweep file, such as `stop` [s], `seed` or `metrics`.
+        Other keys of a sweep file, such as `stop` [s], `seed` or `metrics`, which replace those of
+        the plan.
     """
 
     def __init__(
@@ -53,12 +55,14 @@ class Sweep:
         self.out = None if out is None else Path(out).absolute()
         self.file: Path | None = None
         self.plan: dict[str, Any] = {}
-        if isinstance(plan, str | os.PathLike):
-            self.file = Path(plan).absolute()
-        else:
+        if signals is not None:
+            keys["signals"] = dict(signals)
+        if not isinstance(plan, str | os.PathLike):
             self.plan = _plan(plan) | keys
-            if signals is not None:
-                self.plan["signals"] = dict(signals)
+        elif keys:
+            self.plan = _opened(Path(plan)) | keys
+        else:
+            self.file = Path(plan).absolute()
         if system is None and "system" in self.plan:
             system = self.plan.pop("system")
         if system is None and self.file is None:
@@ -157,6 +161,12 @@ def sweep(
     >>> best = runs["controller.pid.kp"][runs["iae"].argmin()]
     """
     return Sweep(plan, system, out, signals=signals, **keys).run(processes)
+
+
+def _opened(file: Path) -> dict[str, Any]:
+    """Return the keys of a sweep file, with the system relative to the current folder."""
+    plan = tomllib.loads(file.read_text(encoding="utf-8"))
+    return plan | ({"system": file.parent / plan["system"]} if "system" in plan else {})
 
 
 def _plan(plan: Any) -> dict[str, Any]:
