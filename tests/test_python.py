@@ -544,9 +544,13 @@ def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
     for start in (
         lambda: simulate(faulty, stop_time=1.0, step_size=0.125, start_values=hang),
         lambda: simulate(PENDULUM, stop_time=1e5, step_size=1e-3, in_process=True),
+        # A step takes a tenth of a second.
+        lambda: simulate("target/fmu/IpidRbf.fmu", stop_time=1e6, step_size=1e3, in_process=True),
     ):
         threading.Timer(0.5, _thread.interrupt_main).start()
+        began = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
             start()
+        assert time.monotonic() - began < 10
     signal.signal(signal.SIGINT, before)
     assert list(tmp_path.iterdir()) == []
