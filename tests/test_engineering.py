@@ -304,6 +304,11 @@ def test_linearize_gives_the_loop_of_the_linear_plant_and_a_pid(fmus):
     poles = np.log(np.linalg.eigvals(F).astype(complex)) / h
     assert len(model.poles) == 5
     assert all(np.min(np.abs(poles - pole)) < 1e-4 * max(1, abs(pole)) for pole in model.poles)
+    free = System({**loop.description, "connections": [], "stop": 0.1})
+    ends = {"inputs": ["plant.u"], "outputs": ["plant.theta"], "tolerance": 1e-4}
+    for force in (0.0, 1.0):
+        plant = linearize(free, start_values={"plant.u": force}, **ends)
+        np.testing.assert_allclose(plant.C @ plant.B, angle @ B, rtol=1e-4)
     with pytest.raises(
         FmuError, match=r"does not respond to controller\.r in proportion to pulses"
     ):

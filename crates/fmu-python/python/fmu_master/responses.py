@@ -34,14 +34,14 @@ def respond(
     if not 0 <= index < len(times) - 2:
         raise FmuError(f"time = {time}, expected one from {start} s to before {stop} s")
 
-    def run(names: Sequence[str], pulse: tuple[str, float] = ("", 0.0)) -> np.ndarray:
-        name, size = pulse
+    def run(names: Sequence[str], pulse: tuple[str, float, float] = ("", 0.0, 0.0)) -> np.ndarray:
+        name, size, held = pulse
         # At both ends of a pulse, a free input jumps.
         order = np.sort([*range(len(times)), index, index + 1])
         table = {n: np.array([f(t) for t in times])[order] for n, f in signals.items()}
         changed = _with_pulse(system, name, size, times[index], step)
         if name and changed is None:
-            table[name] = table.get(name, np.zeros(len(order)))
+            table[name] = table.get(name, np.full(len(order), held))
             table[name][index + 1 : index + 3] += size
         given = {"time": times[order]} | table if table else None
         result = (changed or system).simulate(start_values, output=names, input=given)
@@ -50,8 +50,9 @@ def respond(
     before = run(outputs)
     responses = []
     for name in inputs:
-        size = deviation * max(1.0, abs(float(run([name])[0, 0])))
-        once, half = ((run(outputs, (name, s)) - before) / s for s in (size, -size / 2))
+        held = float(run([name])[0, 0])
+        size = deviation * max(1.0, abs(held))
+        once, half = ((run(outputs, (name, s, held)) - before) / s for s in (size, -size / 2))
         apart = np.max(np.abs(once - half), axis=0) > 0.01 * np.max(np.abs(half), axis=0)
         if np.any(apart):
             output = outputs[int(np.argmax(apart))]
