@@ -2,8 +2,10 @@
 
 import dataclasses
 import re
+import resource
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +148,13 @@ def test_tune_finds_the_parameter_of_the_closed_form(fmus, tmp_path):
     # An interrupted search goes on where it was, from an incomplete line.
     lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
     journal.write_text("".join([*lines[:40], lines[40][:20]]), encoding="utf-8")
+    # As a full disk.
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    with pytest.raises(OSError, match="too large"):
+        tuned(fmus, journal=journal)
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert journal.read_text(encoding="utf-8").startswith("".join(lines[:40]))
     assert tuned(fmus, journal=journal) == whole
     # Equal candidates that are simulated at the same time are noted twice.
     assert set(journal.read_text(encoding="utf-8").splitlines(keepends=True)) == set(lines)
@@ -172,8 +181,21 @@ def test_tune_finds_only_what_all_plants_accept(fmus):
     options = {"step_size": 0.01, "stop_time": SECONDS, "start_values": start}
     reached = simulate(fmus / "Pendulum.fmu", **options)["theta"][-1]
     assert 0.9 * limit < reached <= limit
-    with pytest.raises(ValueError, match=r"plant.theta0: the guess 2.0 is not from 0.01 to 0.1"):
-        tuned(fmus, guess={"plant.theta0": 2.0})
+    for guess in (2.0, None):
+        message = rf"plant.theta0: the guess {guess} is not from 0.01 to 0.1"
+        with pytest.raises(ValueError, match=message):
+            tuned(fmus, guess={"plant.theta0": guess} if guess else {})
+
+
+def test_tune_takes_an_fmu_and_values_of_numpy(fmus, tmp_path):
+    given = {"cases": [{"rbf.w0": np.zeros(4), "r": np.float32(0.1)}], "output": ["u"]}
+    given |= {"generations": 0, "stop_time": 0.01, "in_process": True}
+    given |= {"objective": lambda results: abs(results[0]["u"][-1] - 20.0)}
+    searches = [
+        tune(fmus / "PidRbf_fmi3.fmu", {"pid.kp": (100.0, 300.0)}, journal=journal, **given)
+        for journal in (None, tmp_path / "search.journal", tmp_path / "search.journal")
+    ]
+    assert searches == searches[:1] * 3
 
 
 FOUND = ROOT / "python" / "pendulum_fmus" / "report" / "gains.toml"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -103,8 +104,8 @@ def tune(
             raise ValueError(
                 f"{name}: ({low}, {high}), expected two numbers, the smaller one first"
             )
-        if guess and not low <= guess[name] <= high:
-            raise ValueError(f"{name}: the guess {guess[name]} is not from {low} to {high}")
+        if guess is not None and not low <= guess.get(name, math.nan) <= high:
+            raise ValueError(f"{name}: the guess {guess.get(name)} is not from {low} to {high}")
     are_log = [low > 0 for low, _ in parameters.values()]
     scaled = [
         math.log(value) if is_log else value
@@ -145,7 +146,7 @@ def tune(
         best = float(intermediate_result.fun)
 
     about = [{n: list(b) for n, b in parameters.items()}, dict(guess or {}), seed, list(cases)]
-    known, note = _journal(journal, json.dumps([*about, list(plants), system._text(), stop_time]))
+    known, note = _journal(journal, [*about, list(plants), _identity(system), stop_time])
     start = None
     if guess is not None:
         logs = zip(names, are_log, strict=True)
@@ -170,26 +171,36 @@ def tune(
     return Tuned(named(found.x), float(found.fun), int(found.nfev))
 
 
+def _identity(system: System) -> str:
+    """Return the text of a description, or a hash of a file."""
+    if system.description is not None:
+        return system._text()
+    return hashlib.sha256(system.file.read_bytes()).hexdigest()
+
+
 def _journal(
-    file: str | os.PathLike[str] | None, about: str
+    file: str | os.PathLike[str] | None, about: list[Any]
 ) -> tuple[dict[str, float], Callable[[str, float], None]]:
     """Return what a journal has, and a function that adds to it."""
     known: dict[str, float] = {}
     if file is None:
         return known, lambda key, value: None
     path = Path(file)
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-    if lines and lines[0] != f"{about}\n":
+    head = f"{json.dumps(about, default=lambda value: value.tolist())}\n".encode()
+    content = path.read_bytes() if path.exists() else b""
+    if not head.startswith(content[: len(head)]):
         raise ValueError(f"{path} is the journal of another search, expected one of this search")
     # The last line of an interrupted search may be incomplete.
-    complete = [line for line in lines if line.endswith("\n")]
-    for line in complete[1:]:
-        key, value = line.rstrip("\n").split("\t")
+    complete = content[: content.rfind(b"\n") + 1]
+    for line in complete.decode().splitlines()[1:]:
+        key, value = line.split("\t")
         known[key] = float.fromhex(value)
-    path.write_text("".join(complete or [f"{about}\n"]), encoding="utf-8")
+    with path.open("ab") as journal:
+        journal.truncate(len(complete))
+        journal.write(b"" if complete else head)
 
     def note(key: str, value: float) -> None:
-        with path.open("a", encoding="utf-8") as journal:
-            journal.write(f"{key}\t{float(value).hex()}\n")
+        with path.open("ab") as journal:
+            journal.write(f"{key}\t{float(value).hex()}\n".encode())
 
     return known, note
