@@ -19,6 +19,7 @@ import reference
 from fmu_master import FmuError, System, compare, python_component, simulate
 from fmu_master.gym import FmuEnv
 from fmu_master.linear import Linear, linearize
+from fmu_master.testing import assert_carries
 from fmu_master.tuning import Tuned, tune
 from native import LOOPS, replaced
 from pendulum_fmus.project import ROOT
@@ -74,6 +75,20 @@ def test_the_example_suite_finds_and_explains_planted_faults(
     said = capfd.readouterr().out
     assert code == bool(message), said
     assert message in said
+
+
+@pytest.mark.parametrize(
+    ("gain", "rows", "message"),
+    [
+        (1 + 5e-7, 0, "a -> b: the gain is wrong: 1.0000005, expected 1"),
+        (1.0, 5, "a -> b: the result has 5 rows, expected more than 5"),
+        (1.0, 6, "a -> b: the result has 5 rows, expected more than 6"),
+    ],
+)
+def test_what_a_signal_that_does_not_arrive_lacks_is_said(gain, rows, message):
+    sent = np.arange(5.0)
+    with pytest.raises(AssertionError, match=f"^{re.escape(message)}$"):
+        assert_carries({"time": sent, "a": sent, "b": gain * sent}, "a", "b", rows=rows)
 
 
 FALL = {"stop_time": 0.5, "step_size": 0.01, "start_values": {"theta0": 0.1}}

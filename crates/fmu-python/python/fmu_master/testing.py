@@ -41,20 +41,23 @@ def assert_carries(
         The message has the gain and the delay with which the signal arrives, or the first
         wrong value.
     """
+    path = f"{source} -> {target}"
     time, sent, arrived = (np.asarray(result[name], float) for name in ("time", source, target))
+    if not 0 <= rows < len(time):
+        raise AssertionError(f"{path}: the result has {len(time)} rows, expected more than {rows}")
     wrong = _deviations(sent, arrived, gain, rows) > tolerance
     if not np.any(wrong):
         return
-    path = f"{source} -> {target}"
+    limit = max(tolerance, 1e-9)
     for late in range(min(_MOST_ROWS, len(time) - 1)):
         earlier = sent[: len(sent) - late]
         power = float(earlier @ earlier)
         found = float(earlier @ arrived[late:]) / power if power else 0.0
-        if np.all(_deviations(sent, arrived, found, late) <= max(tolerance, 1e-9)):
+        if np.all(_deviations(sent, arrived, found, late) <= limit):
             faults = []
-            if abs(found - gain) > 1e-6 * abs(gain):
+            if abs(found - gain) > limit * abs(gain) or late == rows:
                 fault = "the sign is swapped" if found * gain < 0 else "the gain is wrong"
-                faults.append(f"{fault}: {found:.6g}, expected {gain:.6g}")
+                faults.append(f"{fault}: {found:.12g}, expected {gain:.12g}")
             if late != rows:
                 faults.append(
                     f"the value arrives {time[late] - time[0]:.6g} s late (rows: {late}), "
