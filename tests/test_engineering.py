@@ -400,3 +400,21 @@ def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus, 
         env.reset(options={f"{prefix}force": 1.0})
     with pytest.raises(RuntimeError, match="expected a call of reset first"):
         env.step(np.array([0.0]))
+
+
+def test_an_environment_that_is_dropped_ends_its_run(fmus):
+    plant = {"plant": fmus / "Pendulum.fmu"}
+    before = set(threading.enumerate())
+    env = FmuEnv(
+        System(components=plant, connections=[], step=0.01, stop=1.0),
+        actions={"plant.u": (-1.0, 1.0)},
+        observations={"plant.theta": (-0.2, 0.2)},
+        reward=lambda observation, action: 0.0,
+        step_size=0.01,
+        stop_time=0.5,
+    )
+    env.reset()
+    (run,) = set(threading.enumerate()) - before
+    del env
+    run.join(10)
+    assert not run.is_alive()

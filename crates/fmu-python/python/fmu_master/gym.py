@@ -108,21 +108,42 @@ class _End(BaseException):
     """Ends the run of an episode that is not needed any longer."""
 
 
+def _run(
+    observed: SimpleQueue[Any], system: System, starts: Mapping[str, Any], options: dict[str, Any]
+) -> None:
+    try:
+        system.simulate(starts, output=["agent.a0"], **options)
+    except BaseException as error:
+        observed.put(error)
+    else:
+        observed.put(RuntimeError("the system has ended the run"))
+
+
 class _Loop:
     """A run of a system in a thread, with a component in Python that applies the actions.
 
-    It has the methods of an instance that is stepped by hand.
+    It has the methods of an instance that is stepped by hand. The thread does not hold it, so that
+    it ends when an environment is dropped without `close`.
     """
 
     def __init__(self, env: FmuEnv, system: System, starts: Mapping[str, Any]):
         self._observed: SimpleQueue[tuple[float, tuple[float, ...]] | BaseException] = SimpleQueue()
         self._acting: SimpleQueue[list[float] | None] = SimpleQueue()
+        observed, acting = self._observed, self._acting
         self._action = [0.0] * len(env._actions)
         seen = {f"o{number}": name for number, name in enumerate(env._observations)}
         acts = {f"a{number}": name for number, name in enumerate(env._actions)}
         links = [(name, f"agent.{own}") for own, name in seen.items()]
         links += [(f"agent.{own}", name) for own, name in acts.items()]
-        agent = python_component(list(seen), list(acts), self._act, env._step_size)
+
+        def act(time: float, *values: float) -> list[float]:
+            observed.put((time, values))
+            action = acting.get()
+            if action is None:
+                raise _End
+            return action
+
+        agent = python_component(list(seen), list(acts), act, env._step_size)
         keys = system.keys()
         system = system.changed(
             component=[{"name": "agent", "fmu": agent}, *keys["component"]],
@@ -131,26 +152,13 @@ class _Loop:
         start, _, step = system.times()
         stop = start + env._step_size * (env._steps + 1) + step
         options = {"stop_time": stop, "in_process": env._in_process}
-        self._thread = threading.Thread(
-            target=self._run, args=(system, starts, options), daemon=True
-        )
+        arguments = (observed, system, starts, options)
+        self._thread = threading.Thread(target=_run, args=arguments, daemon=True)
         self._thread.start()
         self._wait()
 
-    def _run(self, system: System, starts: Mapping[str, Any], options: dict[str, Any]) -> None:
-        try:
-            system.simulate(starts, output=["agent.a0"], **options)
-        except BaseException as error:
-            self._observed.put(error)
-        else:
-            self._observed.put(RuntimeError("the system has ended the run"))
-
-    def _act(self, time: float, *values: float) -> list[float]:
-        self._observed.put((time, values))
-        action = self._acting.get()
-        if action is None:
-            raise _End
-        return action
+    def __del__(self) -> None:
+        self._acting.put(None)
 
     def _wait(self) -> None:
         told = self._observed.get()
