@@ -180,6 +180,8 @@ def test_wrong_connections_and_records_are_rejected(fmus):
         ):
             with pytest.raises(MasterError, match=message):
                 System([controller, plant], connections)
+        with pytest.raises(MasterError, match="order is 'jacobi'; sequential or parallel is"):
+            simulate(System([plant], []), 0.0, 0.001, 1, order="jacobi")
         with pytest.raises(MasterError, match="a list of names is expected"):
             simulate(System([controller, plant], [right]), TS, TS, 1, record="plant.theta")
 

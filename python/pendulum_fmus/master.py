@@ -119,6 +119,8 @@ def simulate(
         raise MasterError(
             f"record is {record!r}; a list of names is expected, such as [{record!r}]"
         )
+    if order not in ORDERS:
+        raise MasterError(f"order is {order!r}; {' or '.join(ORDERS)} is expected")
     record = system.outputs() if record is None else record
     others = {
         name: (component, variable, [])
