@@ -157,7 +157,7 @@ def worse(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
     found = []
     for name, ratio in now["ratios"].items():
         old = before["ratios"].get(name)
-        # Speed, relative to something slower, is to be high, and a cost is to be low.
+        # A speed should be high, a cost low.
         is_speed = " in FMPy, " in name or name.endswith("processes")
         if old and (old / ratio if is_speed else ratio / old) > WORSE:
             found.append(f"{name}: {number(ratio)}, before {number(old)}")

@@ -18,11 +18,8 @@ from sweeps import table, wait_until
 LIMIT = 3
 """Time limit of calls that hang [s], which no other call takes on a busy machine."""
 
-FAULTS = (
-    " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END FORK START FATALLY".split(
-        " "
-    )
-)
+FAULTS = """NONE CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END FORK START
+FATALLY""".split()
 """The faults of tests/c/faulty.c, by number."""
 
 

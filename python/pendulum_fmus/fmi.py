@@ -48,7 +48,7 @@ CALLBACKS.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
 
 
 def take_logger() -> None:
-    """Receive the messages of FMUs of FMI 2.0, also after another logger of this process has."""
+    """Receive log messages of FMI 2.0 FMUs; call it again after another logger was installed."""
     CALLBACKS.logger = fmi2.fmi2CallbackLoggerTYPE(_log)
     addLoggerProxy(byref(CALLBACKS))  # formats variadic messages
 

@@ -1,9 +1,9 @@
 //! The embedded Runge-Kutta pair 5(4) of Dormand and Prince (J. Comput. Appl. Math. 6, 1980) with the dense
 //! output of Hairer, Nørsett and Wanner (Solving Ordinary Differential Equations I, section II.6).
 //!
-//! It has tables and the control of the step size. A user takes the stages in memory of its own: on the stack
-//! for a few states, or allocated once. With the feature `solver`, the module `solver` integrates systems with
-//! events.
+//! It has tables and the control of the step size. The caller provides the memory of the stages: on the
+//! stack for a few states, or allocated once. With the feature `solver`, the module `solver` integrates
+//! systems with events.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-"""How sure the inferred settings are: the range of each in which Table 1 rounds to its print."""
+"""How sure the inferred settings are: the range of each in which Table 1 rounds as printed."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path

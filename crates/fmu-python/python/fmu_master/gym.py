@@ -30,7 +30,7 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         The inputs that an action sets, and their bounds. Those of a system are not connected.
     observations
         The variables that are observed, and their bounds; of a system, real outputs. An episode
-        terminates when one is beyond.
+        terminates when one leaves its bounds.
     reward
         Receives the observation after a step and the action.
     step_size

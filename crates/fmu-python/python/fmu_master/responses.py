@@ -60,7 +60,7 @@ def respond(
                 f"{output} does not respond to {name} in proportion to pulses of {size:g} and "
                 f"{-size / 2:g}, expected a smaller deviation than {deviation:g}"
             )
-        # Without the errors of second order.
+        # Richardson extrapolation cancels the error of second order.
         responses.append((once + 2 * half) / 3)
     return np.stack(responses, axis=2), float(times[index]), step
 

@@ -88,7 +88,7 @@ class Result(Mapping[str, np.ndarray]):
     messages : list of Message
         What the FMUs have logged.
     notes : list of str
-        What the master has decided that one may want otherwise.
+        Choices of the master that the user may want to override.
     ended : str or None
         Which FMU has ended the run before the stop time, and why.
     duration : float

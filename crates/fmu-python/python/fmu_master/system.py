@@ -117,8 +117,9 @@ class System:
         """Yield this system for many runs, between which processes and FMUs stay loaded.
 
         A run with other start values then takes little more than its steps. Several threads may
-        run it at the same time. FMUs that do not forget everything when they are freed see it.
-        After a run that fails, they are loaded again.
+        run it at the same time. An FMU that keeps global state after it is freed carries it
+        into the next run. After a failed run, the FMUs are
+        loaded again.
 
         Examples
         --------
