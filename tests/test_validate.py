@@ -537,6 +537,28 @@ def test_defects_of_what_fmi_3_adds_are_found(tmp_path: Path) -> None:
     check(findings(file, "--quick"), "error: binaries", "fmi3Instantiate returned NULL")
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        # Fewer start values than elements.
+        ('start="1 2 3"', 'start="1 2"', [True]),
+        # A variable without a valid size.
+        ('<Float64 name="w"', '<Float64 name="z" valueReference="9">'
+         '<Dimension valueReference="77"/></Float64><Float64 name="w"', [True]),
+        # Nothing that can be run.
+        ("fmiModelDescription", "fmiBuild", []),
+    ],
+)  # fmt: skip
+def test_the_binary_is_not_blamed_for_errors_of_the_xml(
+    old: str, new: str, expected: list[bool], tmp_path: Path
+) -> None:
+    """The output y of the binary is random."""
+    xml = (SOURCES / "vector.xml").read_text().replace(old, new)
+    found = findings(in_c(tmp_path / "Vector.fmu", "RANDOM", xml=xml), "--quick")
+    assert any(line.startswith(f"error: {MODEL_FILE}") for line in found)
+    assert ['"y" at t' in line for line in found if "Vector.so" in line] == expected, found
+
+
 # --- info -----------------------------------------------------------------------------------------
 
 INFO = """model        Full

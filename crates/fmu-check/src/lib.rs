@@ -80,8 +80,10 @@ pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: 
     });
     part("the rules of the model description", &mut |findings| rules::check(&model, findings));
     part("the files", &mut |findings| package::check_files(&model, &mut archive, findings));
+    // The test processes read the same model.
     if let Some(probes) = probes
         && archive.faults.is_empty()
+        && let Ok(model) = ModelDescription::read(&root)
     {
         part("the binaries", &mut |findings| {
             binary::check(&decoded.text, &model, &mut archive, probes, deadline, findings);

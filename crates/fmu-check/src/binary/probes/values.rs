@@ -259,7 +259,8 @@ pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
     use Causality::{Input, Parameter};
     let is_set = |v: &&Listed<'_>| {
         let is_number = v.start.iter().all(|x| x.as_real().is_some() || x.as_whole().is_some());
-        matches!(v.causality, Input | Parameter) && is_number && !v.start.is_empty()
+        let is_given = v.start.len() == 1 || v.start.len() == v.count();
+        matches!(v.causality, Input | Parameter) && is_number && is_given
     };
     let arrays = subject.readable().filter(|v| !v.dimensions.is_empty());
     let arrays = subject.group(arrays.filter(is_set));
