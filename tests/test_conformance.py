@@ -61,7 +61,7 @@ def test_the_correct_fmu_has_no_findings(conformance: Callable[..., Path], kind:
 
 
 def test_one_instance_is_enough_if_the_fmu_allows_no_more(conformance: Callable[..., Path]) -> None:
-    fmu = conformance("SECOND_INSTANCE_REFUSED")
+    fmu = conformance("SECOND_INSTANCE_ABORTS")
     files = read(fmu)
     flags = b'canBeInstantiatedOnlyOncePerProcess="true" canSerializeFMUstate'
     text = files["modelDescription.xml"].replace(b"canSerializeFMUstate", flags)

@@ -491,6 +491,7 @@ EXPORT Instance *fmi2Instantiate(const char *name, int type, const char *guid, c
     }
     if (HAS(DEPENDS_ON_RESOURCE_PATH) && strlen(resources) == 0) return NULL;
     if (HAS(SECOND_INSTANCE_REFUSED) && instances_made) return NULL;
+    if (HAS(SECOND_INSTANCE_ABORTS) && instances_made) abort();
     if (HAS(EIGHT_INSTANCES_EVER) && instances_made >= 8) return NULL;
     instances_made++;
     Callbacks copy = *functions;
