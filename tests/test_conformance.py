@@ -106,8 +106,13 @@ def test_nothing_is_left_behind(
     folder = tmp_path / "temporary"
     folder.mkdir()
     monkeypatch.setenv("TMPDIR", str(folder))
-    findings(fmu)
+    assert not any("files written" in line for line in findings(fmu))
     assert list(folder.iterdir()) == []
+
+
+def test_files_beside_the_working_directory_are_found(conformance: Callable[..., Path]) -> None:
+    fmu = conformance("WRITES_FILE_ABOVE")
+    check(findings(fmu, "--quick"), 'the working directory: "../conformance.log" (1 in total)')
 
 
 def test_a_crash_after_a_simulation_does_not_lose_its_results(

@@ -37,7 +37,9 @@ def cargo_fmu(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     def bound() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        # The dump of a crash is no file of the FMU.
+        dumps = resource.getrlimit(resource.RLIMIT_CORE)[1]
+        resource.setrlimit(resource.RLIMIT_CORE, (dumps, dumps))
 
     return run(*arguments, preexec_fn=bound)
 

@@ -101,6 +101,7 @@ static inline void change_process(const char *resources) {
     case SETS_ALARM: alarm(1); break;
     case LEAVES_FILE_OPEN: if (open("/dev/null", O_RDONLY) < 0) abort(); break;
     case WRITES_FILE_IN_CWD: write_file("conformance.log"); break;
+    case WRITES_FILE_ABOVE: write_file("../conformance.log"); break;
     case WRITES_RESOURCES: {
         char path[PATH_MAX];
         if (!resources || strncmp(resources, "file://", 7)) break;

@@ -208,6 +208,7 @@ PLANT(IGNORES_INTERRUPTS, BOTH, "signals", "fmi2Instantiate makes the process ig
 PLANT(LEAVES_THREAD, BOTH, "handles", "fmi2Instantiate starts a thread that never ends")
 PLANT(LEAVES_FILE_OPEN, BOTH, "handles", "fmi2Instantiate opens a file and does not close it")
 PLANT(WRITES_FILE_IN_CWD, BOTH, "files", "fmi2Instantiate writes a file to the working directory")
+PLANT(WRITES_FILE_ABOVE, BOTH, "files", "fmi2Instantiate writes a file to the parent of the working directory")
 PLANT(WRITES_RESOURCES, BOTH, "files", "fmi2Instantiate writes a file to the resources")
 PLANT(SETS_ENVIRONMENT, BOTH, "environment", "fmi2Instantiate sets an environment variable")
 PLANT(LEAVES_CHILD, BOTH, "handles", "fmi2Instantiate starts a process that it leaves running")

@@ -567,11 +567,12 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
     const MAX_NAMES: usize = 5;
     let mut of_fmu = list(&session.join(FMU))?;
     of_fmu.retain(|path, content| before.get(path) != Some(content));
-    // Each worker has a working directory of its own.
-    let mut written = Files::new();
-    for entry in fs::read_dir(session.join(WORK))? {
-        written.extend(list(&entry?.path())?);
-    }
+    // Each worker has a working directory of its own, and what is beside these was written to `..`.
+    let seen_there = |(path, content): (PathBuf, _)| match path.iter().count() {
+        1 => (Path::new("..").join(path), content),
+        _ => (path.iter().skip(1).collect(), content),
+    };
+    let written: Files = list(&session.join(WORK))?.into_iter().map(seen_there).collect();
     for (files, place) in [(of_fmu, "the folder of the FMU"), (written, "the working directory")] {
         let names = files.keys().take(MAX_NAMES).map(|path| quote(&path.to_string_lossy()));
         let names: Vec<_> = names.collect();

@@ -150,6 +150,12 @@ fn same_with(
 /// # Errors
 /// The process was not started for a test, or the unpacked FMU cannot be read.
 pub fn run() -> Result<()> {
+    // A dump of memory in the working directory would count as a file of the FMU.
+    #[cfg(unix)]
+    {
+        use rustix::process::{Resource, Rlimit, setrlimit};
+        let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
+    }
     let service = Service::of_this_process()?;
     let mut service = service.context("it is started by `validate` only")?;
     let task: Task = service.task()?.context("there is no test to run")?;
