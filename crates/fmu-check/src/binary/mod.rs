@@ -24,7 +24,7 @@ use fmu_worker::{Ended, Event, Function, Limits, Moment, Worker, available_memor
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
-use crate::finding::Findings;
+use crate::finding::{Findings, find};
 use crate::rule::{RULES, Rule, rule};
 pub use probes::run as probe;
 use probes::{MISTAKES, OTHERS, Probe};
@@ -90,9 +90,11 @@ pub fn check(
         let mut names = archive.names.iter();
         if names.any(|name| name.starts_with("binaries/")) {
             let folders = Vec::from_iter(platforms.iter().map(|platform| platform.folder));
-            let folder = folders.join(", ");
-            let text = format!("there is none for this machine ({folder}); no binary was run");
-            findings.add(rule!("binary-not-run"), "binaries", text);
+            let text = match interfaces {
+                [None, None] => "there is no interface type that is tested".into(),
+                _ => format!("there is none for this machine ({})", folders.join(", ")),
+            };
+            find!(findings, "binary-not-run" at "binaries", "{text}; no binary was run");
         }
         return;
     };
