@@ -108,7 +108,12 @@ VALID = [
     (2, ('name="full.c"', 'name="./full.c"')),
     (3, ('causality="structuralParameter" variability="fixed"', 'causality="structuralParameter"')),
     (3, (' priority="1"', "", '  <ScheduledExecution modelIdentifier="Full"/>\n', "")),
-]
+    (2, ("</ModelVariables>", "".join(
+        f'<ScalarVariable name="{name}" valueReference="9" variability="constant">'
+        f'<Real start="{start}"/></ScalarVariable>'
+        for name, start in [("a", "100"), ("b", "100.0")]
+    ) + "</ModelVariables>")),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("version", "changes"), VALID)

@@ -7,7 +7,7 @@ use fmu_description::value::{items, real, unsigned, whole};
 use fmu_description::words::is_identifier;
 use fmu_description::xml::Element;
 use fmu_description::{
-    Causality, FmiVersion, Initial, Listed, ModelDescription, Type, Unknown, Variability,
+    Causality, FmiVersion, Initial, Listed, ModelDescription, Type, Unknown, Value, Variability,
 };
 use fmu_file::text::quote;
 
@@ -514,34 +514,37 @@ impl Check<'_> {
     fn alias_set(&mut self, set: &[&Listed<'_>]) {
         use Causality::{Independent, Input, Parameter};
         let first = set[0];
-        let mut report = |rule: &'static Rule, variable: Option<&&Listed<'_>>, what: &str| {
-            if let Some(variable) = variable {
-                let text = format!("it has the value reference of {:?} {what}", first.name);
-                self.add(rule, *variable, text);
-            }
-        };
+        let mut report =
+            |rule: &'static Rule, of: &Listed<'_>, variable: Option<&&Listed<'_>>, what: &str| {
+                if let Some(variable) = variable {
+                    let text = format!("it has the value reference of {:?} {what}", of.name);
+                    self.add(rule, *variable, text);
+                }
+            };
         let is_settable = |v: &&&Listed<'_>| matches!(v.causality, Parameter | Input | Independent);
         let what = "though both are set from outside, expected at most one such variable";
-        report(rule!("alias-settable"), set.iter().filter(is_settable).nth(1), what);
-        let is_constant = |v: &Listed<'_>| v.variability == Variability::Constant;
-        if set.iter().any(|v| is_constant(v)) {
-            let differs = |v: &&&Listed<'_>| v.start() != first.start() || !is_constant(v);
+        report(rule!("alias-settable"), first, set.iter().filter(is_settable).nth(1), what);
+        let is_constant = |v: &&&Listed<'_>| v.variability == Variability::Constant;
+        if let Some(constant) = set.iter().find(is_constant) {
+            // An Integer may be an alias of an Enumeration.
+            let start = |v: &Listed<'_>| v.start_of(0).map(Value::to_string);
+            let differs = |v: &&&Listed<'_>| !is_constant(v) || start(v) != start(constant);
             let what = "which is constant, expected all to be constant with the same start";
-            report(rule!("alias-constant"), set.iter().find(differs), what);
+            report(rule!("alias-constant"), constant, set.iter().find(differs), what);
         } else {
             let what = "and both have a start, expected at most one start";
             let mut started = set.iter().filter(|v| has_start(v));
-            report(rule!("alias-start"), started.nth(1), what);
+            report(rule!("alias-start"), first, started.nth(1), what);
             let expected = first.variability;
             let other = set.iter().find(|v| v.variability != expected);
             let own = other.unwrap_or(&first).variability;
             let [own, expected] = [own, expected].map(Variability::as_str);
             let what = format!("and is {own}, expected {expected} like that variable");
-            report(rule!("alias-variability"), other, &what);
+            report(rule!("alias-variability"), first, other, &what);
         }
         let other = set.iter().find(|v| v.unit != first.unit);
         let what = "and another unit, expected the same unit";
-        report(rule!("alias-unit"), other, what);
+        report(rule!("alias-unit"), first, other, what);
     }
 }
 
