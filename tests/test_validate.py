@@ -152,6 +152,7 @@ FILE_MUTATIONS = [
     ({"documentation/diagram.svg": ""}, "documentation/diagram.png"),
     ({LICENCES + "license.txt": None, LICENCES + "MIT": ""}, "license.html"),
     ({"extra/data": ""}, "extra/data", "com.example"),
+    ({"extra/read.me": ""}, "extra/read.me", "com.example"),
     ({"binaries/x86_64-windows-msvc142mt/Full.lib": ""}, "documentation/staticLinking.txt"),
     ({MODEL_FILE: re.sub("<ModelExchange.*?(?=  <UnitD)", "", replaced(3), flags=re.S)},
      "it has no interface type", "FMI 3.0.2, section 2.4.1"),

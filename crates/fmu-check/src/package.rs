@@ -213,10 +213,14 @@ impl<'a> Files<'a> {
                 has_page || !is_static(folder),
                 "it holds a static library, expected documentation/staticLinking.txt or .html");
         }
-        let folders = files_in("extra/").filter_map(|name| name.split('/').nth(1));
-        for folder in folders.collect::<BTreeSet<_>>() {
-            require!(findings, "extra-domain" at format!("extra/{folder}"), folder.contains('.'),
-                "it is {}, expected a subfolder named after a domain, such as com.example", quote(folder));
+        let entries = files_in("extra/").filter_map(|name| {
+            let mut parts = name.split('/').skip(1);
+            Some((parts.next()?, parts.next().is_some()))
+        });
+        for (entry, is_folder) in entries.collect::<BTreeSet<_>>() {
+            require!(findings, "extra-domain" at format!("extra/{entry}"),
+                is_folder && entry.contains('.'),
+                "it is {}, expected a subfolder named after a domain, such as com.example", quote(entry));
         }
     }
 
