@@ -55,7 +55,7 @@ const SHORT_TIME: f64 = 0.03;
 const TEST_TIME: u32 = 2;
 /// Maximum memory of a test process.
 const MEMORY: u64 = 4 << 30;
-/// Time in which a process ends after its test.
+/// Time that a process has to end after its test.
 const GRACE: Duration = Duration::from_secs(2);
 /// The folder of the unpacked FMU in the session, and the one with the working directories of the tests.
 const FMU: &str = "fmu";

@@ -105,7 +105,7 @@ pub fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
     value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The names of FMI 2.0 in a text, as they are in a version of FMI.
+/// The names of FMI 2.0 in a text, as they are in a version of FMI. What is in quotes is the FMU's.
 fn in_version(text: &str, version: FmiVersion) -> String {
     const NAMES: [[&str; 2]; 14] = [
         ["fmi2Instantiate", "fmi3Instantiate"],
@@ -123,11 +123,30 @@ fn in_version(text: &str, version: FmiVersion) -> String {
         ["the GUID", "the instantiationToken"],
         ["fmi2", "fmi3"],
     ];
-    let rename = |text: String, [old, new]: &[&str; 2]| text.replace(old, new);
-    match version {
-        FmiVersion::Fmi2 => text.to_owned(),
-        FmiVersion::Fmi3 => NAMES.iter().fold(text.to_owned(), rename),
+    if version == FmiVersion::Fmi2 {
+        return text.to_owned();
     }
+    let rename = |text: String, [old, new]: &[&str; 2]| text.replace(old, new);
+    let mut is_quoted = false;
+    let parts = text.split_inclusive('"').map(|part| {
+        let renamed = match is_quoted {
+            true => part.to_owned(),
+            false => NAMES.iter().fold(part.to_owned(), rename),
+        };
+        let before = part.trim_end_matches('"');
+        let escapes = before.len() - before.trim_end_matches('\\').len();
+        is_quoted = !is_quoted || escapes % 2 == 1;
+        renamed
+    });
+    parts.collect()
+}
+
+#[test]
+fn names_of_functions_are_those_of_the_version_but_not_in_quotes() {
+    let text = r#"fmi2SetReal for "fmi2\" and "a\"fmi2", fmi2Reset"#;
+    assert_eq!(in_version(text, FmiVersion::Fmi2), text);
+    let expected = r#"fmi3SetFloat64 for "fmi2\" and "a\"fmi2", fmi3Reset"#;
+    assert_eq!(in_version(text, FmiVersion::Fmi3), expected);
 }
 
 /// The FMU under test.
