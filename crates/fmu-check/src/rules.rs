@@ -10,11 +10,12 @@ use fmu_description::{
     Causality, FmiVersion, Initial, Listed, ModelDescription, Type, Unknown, Value, Variability,
 };
 use fmu_file::text::quote;
+use regex_lite::Regex;
 
 use crate::finding::{Findings, Location, find, require};
 use crate::package::{INTERFACES, interfaces};
 use crate::rule::{Rule, rule};
-use crate::schema::Pattern;
+use crate::schema::anchored;
 
 /// A model description that is checked.
 struct Check<'a> {
@@ -340,11 +341,11 @@ impl<'a> Check<'a> {
 
 /// The form of names by the naming convention `structured`: parts with indices, separated by periods, or the derivative
 /// of such a name, of any order.
-static STRUCTURED: LazyLock<Pattern> = LazyLock::new(|| {
+static STRUCTURED: LazyLock<Regex> = LazyLock::new(|| {
     let identifier = r#"(?:[A-Za-z_][A-Za-z0-9_]*|'(?:[ -&(-\[\]-~]|\\['"?\\abfnrtv])+')"#;
     let part = format!(r"{identifier}(?:\[[0-9]+(?:,[0-9]+)*\])?");
     let name = format!(r"{part}(?:\.{part})*");
-    Pattern::new(&format!(r"{name}|der\({name}(?:,[0-9]+)?\)"))
+    anchored(&format!(r"{name}|der\({name}(?:,[0-9]+)?\)"))
 });
 
 /// The values of `initial` allowed for a causality and a variability; `None` if that combination is
@@ -385,7 +386,7 @@ impl Check<'_> {
                 require!(self, "variable-named" at variable, is_given,
                     "the name is empty, expected a string");
                 if structured && is_given {
-                    let is_structured = STRUCTURED.fits(name);
+                    let is_structured = STRUCTURED.is_match(name);
                     require!(self, "structured-names" at variable, is_structured,
                         "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)");
                     let is_derivative = is_structured && name.starts_with("der(");
@@ -989,11 +990,11 @@ mod tests {
     fn structured_names_have_the_form_of_the_standard() {
         let good = r"a|_a1|a.b.c|rbf.w[1]|a[1,2].b[3]|der(a)|der(a.b[1])|der(a[1,2])|der(a,2)|'a b'.c|'it\'s'|a.'[x]'[2]|der('a,b')";
         for good in good.split('|') {
-            assert!(STRUCTURED.fits(good), "{good}");
+            assert!(STRUCTURED.is_match(good), "{good}");
         }
         let bad = r"|1a|a.|.a|a..b|a[|a[]|a[x]|a[1|a b|a-b|ä|der(|der()|der(a|a)|''|'a|'a\x'|a[1,]|der(a,)|a[1]b";
         for bad in bad.split('|') {
-            assert!(!STRUCTURED.fits(bad), "{bad}");
+            assert!(!STRUCTURED.is_match(bad), "{bad}");
         }
     }
 }

@@ -267,9 +267,9 @@ fn unfit(text: &str, form: &str) -> Option<String> {
         "string" => (true, ""),
         "double" => (real(text).is_some(), "a number"),
         "boolean" => (boolean(text).is_some(), "true, false, 1 or 0"),
-        "dateTime" => (DATE_TIME.fits(trimmed), "a date and time such as 2026-01-31T12:00:00Z"),
+        "dateTime" => (DATE_TIME.is_match(trimmed), "a date and time such as 2026-01-31T12:00:00Z"),
         "hexBinary" => (bytes(text).is_some(), "pairs of hexadecimal digits"),
-        "version" => (VERSION.fits(text), "a version such as 3.0"),
+        "version" => (VERSION.is_match(text), "a version such as 3.0"),
         _ if max > 0 => {
             let fits = trimmed.parse().is_ok_and(|number: i128| (min..=max).contains(&number));
             let to = match max {
@@ -286,29 +286,20 @@ fn unfit(text: &str, form: &str) -> Option<String> {
     (!fits).then(|| expected.into())
 }
 
-/// A pattern that a whole text has to fit.
-pub struct Pattern(Regex);
-
-impl Pattern {
-    /// A regular expression of this program, which is valid.
-    pub fn new(pattern: &str) -> Self {
-        let regex = Regex::new(&format!("^(?:{pattern})$"));
-        Self(regex.unwrap_or_else(|error| unreachable!("{pattern}: {error}")))
-    }
-
-    pub fn fits(&self, text: &str) -> bool {
-        self.0.is_match(text)
-    }
+/// A regular expression of this program, which is valid and has to match the whole text.
+pub fn anchored(pattern: &str) -> Regex {
+    let regex = Regex::new(&format!("^(?:{pattern})$"));
+    regex.unwrap_or_else(|error| unreachable!("{pattern}: {error}"))
 }
 
-static DATE_TIME: LazyLock<Pattern> = LazyLock::new(|| {
+static DATE_TIME: LazyLock<Regex> = LazyLock::new(|| {
     let date = "-?[0-9]{4,}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])";
     let time = "([01][0-9]|2[0-4]):[0-5][0-9]";
     let zone = format!("Z|[+-]{time}");
-    Pattern::new(&format!(r"{date}T{time}:[0-5][0-9](\.[0-9]+)?({zone})?"))
+    anchored(&format!(r"{date}T{time}:[0-5][0-9](\.[0-9]+)?({zone})?"))
 });
-static VERSION: LazyLock<Pattern> =
-    LazyLock::new(|| Pattern::new(r"3[.](0|[1-9][0-9]*)([.](0|[1-9][0-9]*))?(-.+)?"));
+static VERSION: LazyLock<Regex> =
+    LazyLock::new(|| anchored(r"3[.](0|[1-9][0-9]*)([.](0|[1-9][0-9]*))?(-.+)?"));
 
 #[cfg(test)]
 mod tests {
@@ -336,8 +327,8 @@ mod tests {
             assert!(unfit(bad, form).is_some(), "{form} {bad:?}");
         }
         let bad = "3|2.0|3.|3.00|3.0.|3.0.0.1|3.0-|3.x| 3.0|3-1";
-        assert!(bad.split('|').all(|bad| !VERSION.fits(bad)));
+        assert!(bad.split('|').all(|bad| !VERSION.is_match(bad)));
         let good = "3.0|3.0.2|3.10|3.0-beta.1|3.0.1-rc-2";
-        assert!(good.split('|').all(|good| VERSION.fits(good)));
+        assert!(good.split('|').all(|good| VERSION.is_match(good)));
     }
 }
