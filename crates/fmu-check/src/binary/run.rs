@@ -27,20 +27,12 @@ const MAX_ROUNDS: usize = 1000;
 /// In model exchange, every how many steps there is an event.
 const EVENT_EVERY: usize = 10;
 
-/// Reports a finding of a rule of the binary: `report!(subject, "memory", "{bytes} bytes are left")`.
-macro_rules! report {
-    ($subject:expr, $rule:literal, $($text:tt)+) => {
-        $subject.report.find($crate::rule::rule!($rule), format!($($text)+))
-    };
-}
-pub(super) use report;
-
 /// Reports a finding unless a condition holds: `check!(subject, "memory": bytes == 0, "{bytes} are left")`.
 macro_rules! check {
     ($subject:expr, $rule:literal: $condition:expr, $($text:tt)+) => {
         match $condition {
             true => {}
-            false => $crate::binary::run::report!($subject, $rule, $($text)+),
+            false => $subject.report.find($crate::rule::rule!($rule), format!($($text)+)),
         }
     };
 }

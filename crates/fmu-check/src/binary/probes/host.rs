@@ -425,8 +425,8 @@ impl<'a> Refused<'a> {
 const TYPES: [(&str, Type); 3] =
     [("Real", Type::Float64), ("Integer", Type::Int32), ("Boolean", Type::Boolean)];
 
-/// Reads value references that do not exist, or have another type.
-pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
+/// Reads and writes value references that do not exist, and reads those that have another type.
+pub fn unknown_references(subject: &Subject<'_>) -> Result<()> {
     let accessed = |v: &Listed<'_>| v.of_type.accessed_as(subject.model.version);
     let variables = || subject.model.variables().map(|(_, v)| v);
     let known: HashSet<_> = variables().map(|v| (accessed(v), v.reference)).collect();
@@ -451,15 +451,6 @@ pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
             let is = format!("{}, which has another type", quote(&variable.name));
             get(variable.reference, &is)?;
         }
-    }
-    refused.report(rule!("unknown-references"))
-}
-
-/// Writes value references that do not exist.
-pub fn unknown_set(subject: &Subject<'_>) -> Result<()> {
-    let unknown = unknown(subject);
-    let mut refused = Refused::new(subject);
-    for (name, of_type) in TYPES {
         let what = format!("fmi2Set{name} for the unknown value reference {unknown}");
         refused.call(what, Run::begin, |run| {
             (run.instance).set_values(of_type, &[unknown], &[Value::Boolean(false)])

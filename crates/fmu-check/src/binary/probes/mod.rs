@@ -246,8 +246,7 @@ const WHOLE: &str = " as with whole steps";
 /// Calls that hosts make by mistake; other tests make none if these crash.
 pub static MISTAKES: &[Probe] = probes! {
     "mistakes": "survives-misuse", host::mistakes, Misuse;
-    "unknown-get": "unknown-references", host::unknown_get, Misuse;
-    "unknown-set": "unknown-references", host::unknown_set, Misuse;
+    "unknown": "unknown-references", host::unknown_references, Misuse;
     "step-arguments": "step-arguments", host::step_arguments, Misuse, CoSimulation;
     "order": "order-of-calls", host::order, Misuse;
     "order-of-setup": "order-of-calls", host::order_of_setup, Misuse, Fmi2;
