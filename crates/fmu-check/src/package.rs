@@ -349,7 +349,7 @@ impl<'a> Files<'a> {
             if let Some(name) = terminal.attribute("name") {
                 require!(self.findings, "terminal-unique" at Location::of(TERMINALS_FILE, terminal),
                     !name.is_empty() && names.insert(name),
-                    "the name of the terminal is {}, expected one of its own", quote(name));
+                    "the name of the terminal is {}, expected a unique, non-empty name", quote(name));
             }
             members(terminal, causalities, self.findings);
             for graphical in terminal.children("TerminalGraphicalRepresentation") {
@@ -411,7 +411,7 @@ fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut
         let name = member.attribute("memberName");
         let is_own = name.is_some_and(|name| !name.is_empty() && names.insert(name));
         require!(findings, "member-named" at at(member), is_own || !is_matched_by_name,
-            "memberName is {}, expected one of its own", name.map_or("missing".into(), quote));
+            "memberName is {}, expected a unique, non-empty name", name.map_or("missing".into(), quote));
     }
     for member in terminal.children("TerminalStreamMemberVariable") {
         for (name, of) in [

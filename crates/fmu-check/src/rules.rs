@@ -478,7 +478,7 @@ impl Check<'_> {
                 "the independent variable is not a {0}, expected a {0}", self.float());
             if let Some(first) = first.replace(&variable.name) {
                 find!(self, "independent-once" at variable,
-                    "it is independent like {first:?} is, expected at most one independent variable");
+                    "{first:?} is already the independent variable, expected at most one");
             }
         }
         require!(self, "independent-once" at self.model.root, first.is_some() || !self.is_3(),
@@ -941,8 +941,8 @@ impl Check<'_> {
         };
         let before = self.model.referred(variable.element, "previous");
         require!(self, "previous-reference" at variable, before.is_some_and(fits) && is_first,
-            "previous is {reference}, expected the value reference of another discrete {kind} that is no \
-             input, and of each at most once");
+            "previous is {reference}, expected the value reference of another discrete {kind} that is not \
+             an input and is not the previous of any other variable");
     }
 
     /// Checks when a clock ticks; a variable inherits from its declared type.

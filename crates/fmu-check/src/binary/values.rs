@@ -193,7 +193,7 @@ impl Difference<'_> {
     }
 }
 
-/// A value with the digits that tell it from all others.
+/// A value with all digits, so that it reads back exactly.
 fn exact(value: &Value) -> String {
     match value {
         Value::String(text) => quote(text),

@@ -138,17 +138,12 @@ fn properties() -> Vec<Property> {
         Err(_) => "closed",
     };
     let output = format!("{} and {}", state(1), state(2));
-    let arithmetic = match is_arithmetic_usual() {
-        true => "usual",
-        false => "one that rounds in another way, or loses subnormal numbers,",
-    };
     let locale = environment::locale().unwrap_or_default();
     vec![
         (rule!("working-directory"), "the working directory", format!("{directory:?}")),
         (rule!("locale"), "the locale", locale),
         (rule!("signals"), "the mask of caught signals", field("SigCgt:")),
         (rule!("signals"), "the mask of ignored signals", field("SigIgn:")),
-        (rule!("arithmetic"), "the arithmetic", arithmetic.into()),
         (rule!("environment"), "the umask of new files", field("Umask:")),
         (rule!("environment"), "the state of stdout and stderr", output),
     ]
@@ -179,7 +174,7 @@ fn is_arithmetic_usual() -> bool {
 
 /// Compares the process before and after the life of two instances.
 pub fn process(subject: &Subject<'_>) -> Result<()> {
-    let (before, first) = (properties(), handles());
+    let (before, first, was_usual) = (properties(), handles(), is_arithmetic_usual());
     let variables: HashSet<_> = env::vars_os().collect();
     cycle(subject, subject.task.steps)?;
     // The first instance may set up what all others share, but start no process.
@@ -202,6 +197,9 @@ pub fn process(subject: &Subject<'_>) -> Result<()> {
             subject.report.find(rule, text);
         }
     }
+    check!(subject, "arithmetic": is_arithmetic_usual() == was_usual,
+        "the floating-point mode has changed in a run (rounding, or subnormal numbers flushed to \
+         zero), expected it unchanged");
     let set = env::vars_os().filter(|variable| !variables.contains(variable));
     let set: Vec<_> = set.map(|(name, _)| name).collect();
     check!(subject, "environment": set.is_empty(),

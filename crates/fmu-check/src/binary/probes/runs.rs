@@ -294,7 +294,7 @@ fn run_with(subject: &Subject<'_>, change: impl FnOnce(&mut Setup<'_>)) -> Resul
 /// Runs from the middle of the default experiment, for which its tables have rows. The FMU may refuse to begin there.
 pub fn start_time(subject: &Subject<'_>) -> Result<()> {
     const STEPS: usize = 20;
-    // The solver of an FMU may end its steps elsewhere than at communication points. There may be no instance to try.
+    // The solver of an FMU may end its steps elsewhere than at communication points, which another instance shows.
     let is_exact = !subject.claims(ONLY_ONCE)
         && follow_time(subject, Run::begin(subject, subject.still())?, STEPS).is_ok();
     let mut moved = Subject::new(subject.task, subject.model, subject.library, subject.report)?;

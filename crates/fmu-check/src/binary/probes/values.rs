@@ -223,7 +223,7 @@ fn are_kept<'a>(
             pairs.all(|(variable, value)| run.set(variable, std::slice::from_ref(value)).is_ok())
         }
     };
-    // Together, the values may be none that the model can begin with.
+    // The model may not be able to initialize with this combination of values.
     let begins = has_inputs || is_set && run.enter_initialization().is_ok();
     if !is_set || !begins {
         return Ok(false);
@@ -341,7 +341,7 @@ pub fn strings_of_instances(subject: &Subject<'_>) -> Result<()> {
     let mut one = Run::begin(subject, subject.setup())?;
     let mut two = Run::instantiate(subject, subject.other())?;
     two.change(subject.variables(Causality::Parameter).filter(is_string))?;
-    // A text may be more than a text, such as the name of a file.
+    // A String may have a meaning, such as a file name, and other values may be refused.
     two.initialize().ok().context(SKIP)?;
     one.advance()?;
     let (_, expected) = one.instance.get_string(&references, n)?;
