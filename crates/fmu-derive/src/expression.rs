@@ -1,6 +1,6 @@
 //! Expressions in attributes, as far as the macros look into them: literals, and arrays.
 
-use proc_macro2::{Delimiter, TokenStream, TokenTree};
+use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
 use quote::{ToTokens, quote};
 use syn::parse::{Parse, ParseStream, Parser};
 use syn::punctuated::Punctuated;
@@ -87,8 +87,14 @@ impl Expression {
                 let element = element.real();
                 quote!([#element; #length])
             }
-            _ => self.tokens.clone(),
+            _ => self.authored(),
         }
+    }
+
+    /// The author's tokens in invisible parentheses, between which they keep their places: the compiler checks code
+    /// of macros less, and would not report literals that overflow.
+    pub fn authored(&self) -> TokenStream {
+        Group::new(Delimiter::None, self.tokens.clone()).to_token_stream()
     }
 }
 

@@ -1,7 +1,7 @@
 //! The code for a field: its row in the table, and the access to its value.
 
 use fmu_description::Type as FmiType;
-use proc_macro2::{Group, Span, TokenStream, TokenTree};
+use proc_macro2::{Delimiter, Group, Span, TokenStream, TokenTree};
 use quote::{ToTokens, quote};
 use syn::spanned::Spanned;
 use syn::{Ident, LitStr};
@@ -11,11 +11,15 @@ use crate::expression::{Expression, Form};
 use crate::field::Field;
 
 /// The tokens at a place in the author's code, where the compiler shows errors. All of them must be there, since
-/// it shows an expression whose tokens are at different places at the derive macro.
+/// it shows an expression whose tokens are at different places at the derive macro. Tokens in invisible parentheses
+/// stay where they are: see [`Expression::authored`].
 pub fn at(place: Span, tokens: TokenStream) -> TokenStream {
     let span = Span::call_site().located_at(place);
     let moved = tokens.into_iter().map(|mut token| {
         if let TokenTree::Group(group) = &token {
+            if group.delimiter() == Delimiter::None {
+                return token;
+            }
             token = Group::new(group.delimiter(), at(place, group.stream())).into();
         }
         token.set_span(span);
@@ -297,7 +301,7 @@ impl Field {
                 let (ty, base) = (self.element_type(), self.choice(&quote!(BASE)));
                 quote!({ let item: #ty = #expression; item as i32 + #base })
             }
-            _ => expression.to_token_stream(),
+            _ => expression.authored(),
         }
     }
 
