@@ -9,9 +9,10 @@ use syn::meta::ParseNestedMeta;
 use syn::parse::ParseStream;
 use syn::punctuated::Punctuated;
 use syn::spanned::Spanned;
-use syn::{Attribute, Error, Ident, LitStr, Result, Token, parenthesized};
+use syn::{Attribute, Error, LitStr, Result, Token, parenthesized};
 
 use crate::expression::Expression;
+use crate::field::literal;
 
 /// What a field is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -293,8 +294,7 @@ fn quoted_or_not(input: ParseStream<'_>) -> Result<LitStr> {
     if input.peek(LitStr) {
         return input.parse();
     }
-    let name: Ident = input.parse()?;
-    Ok(LitStr::new(&name.to_string(), name.span()))
+    Ok(literal(&input.parse()?))
 }
 
 fn quoted(names: &[&str]) -> Vec<String> {

@@ -88,7 +88,7 @@ fn item(
         return error(&variant.fields, "expected a variant without fields");
     }
     let options = Options::of(&variant.attrs, CHOICE)?;
-    let default = LitStr::new(&snake_case(&ident.to_string()), ident.span());
+    let default = LitStr::new(&snake_case(&literal(ident).value()), ident.span());
     let name = identifier(options.text("name").cloned().unwrap_or(default))?;
     if !names.insert(name.value()) {
         return error(&name, format!("two items have the name {:?}", name.value()));

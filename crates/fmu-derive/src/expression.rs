@@ -30,8 +30,9 @@ impl Parse for Expression {
         let (mut tokens, mut depth) = (TokenStream::new(), 0);
         while !input.is_empty() && (depth > 0 || !input.peek(Token![,])) {
             let is_path = input.peek(Token![::]) && input.peek3(Token![<]);
+            let is_open = is_path || depth > 0 && input.peek(Token![<]);
             let is_closed = depth > 0 && input.peek(Token![>]);
-            depth = depth + usize::from(is_path) - usize::from(is_closed);
+            depth = depth + usize::from(is_open) - usize::from(is_closed);
             for _ in 0..if is_path { 3 } else { 1 } {
                 tokens.extend([input.parse::<TokenTree>()?]);
             }
@@ -77,7 +78,8 @@ impl Expression {
     pub fn real(&self) -> TokenStream {
         match &self.form {
             Form::Literal(Lit::Int(number)) if number.suffix().is_empty() => {
-                LitFloat::new(&format!("{number}.0"), number.span()).to_token_stream()
+                LitFloat::new(&format!("{}.0", number.base10_digits()), number.span())
+                    .to_token_stream()
             }
             Form::Array(elements) => {
                 let elements = elements.iter().map(Self::real);

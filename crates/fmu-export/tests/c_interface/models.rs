@@ -39,7 +39,7 @@ pub struct Every {
     u_rate: f64,
     /** is bounded */ #[input(min = -10, max = 10)] v: f64,
     /** how the step fails */ #[input(min = 0, max = BUG)] trouble: f64,
-    /** of u */ #[parameter(start = 2, min = 0)] gain: f64,
+    /** of u */ #[parameter(start = 0x2, min = 0)] gain: f64,
     /** of y */ #[parameter(tunable, start = 1e6, min = 0)] limit: f64,
     /** vector */ #[input(min = -10, max = 10, unit = "kg")] vector: [f64; 3],
     /** matrix */ #[parameter(tunable, start = [[1, 2], [3, 6.5]])] matrix: [[f64; 2]; 2],
@@ -49,7 +49,7 @@ pub struct Every {
     /** u8 */ #[parameter(tunable, start = [1, 2])] u8: [u8; 2],
     /** i16 */ #[input(start = -1, min = -2)] i16: i16,
     /** u16 */ #[input] u16: u16,
-    /** i32 */ #[input(start = 3, min = -5, max = 5)] i32: i32,
+    /** i32 */ #[input(start = size::<Option<bool>, 3>(), min = -5, max = 5)] i32: i32,
     /** u32 */ #[input] u32: u32,
     /** i64 */ #[input] i64: i64,
     /** u64 */ #[input(start = 4294967295)] u64: u64,
@@ -77,13 +77,17 @@ pub struct Every {
     history: [f64; 40],
 }
 
+const fn size<T, const N: usize>() -> i32 {
+    size_of::<[T; N]>() as i32
+}
+
 /// What the step does with v
 #[derive(Clone, Copy, PartialEq, Choice)]
 pub enum Law {
     /// y + v
     Added,
     /// y alone
-    Ignored,
+    r#Ignored,
 }
 
 /// A nested struct
@@ -519,7 +523,7 @@ impl Continuous for Hopper {
 #[rustfmt::skip]
 pub struct Valve {
     /** level */ #[output(state)] level: f64,
-    #[derivative(of = level)] rate: f64,
+    #[derivative(of = r#level)] rate: f64,
     /** what is missing */ #[event_indicator] missing: f64,
     /** whether it is closed */ #[output] closed: bool,
 }
