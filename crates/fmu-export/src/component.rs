@@ -553,10 +553,7 @@ impl Component {
                 true => self.integrate(time, step)?,
                 false => self.take_step(time, step)?,
             }
-            if self.shared.lifecycle.has_input_derivatives {
-                self.model.clear_input_derivatives();
-                self.shared.lifecycle.has_input_derivatives = false;
-            }
+            self.end_ramps();
             Ok(())
         }));
         self.end_step(taken, time, step, end)
@@ -590,6 +587,14 @@ impl Component {
             *end = self.shared.lifecycle.now();
         }
         outcome
+    }
+
+    /// Clears the derivatives of inputs, which are for one step.
+    pub(crate) fn end_ramps(&mut self) {
+        if self.shared.lifecycle.has_input_derivatives {
+            self.model.clear_input_derivatives();
+            self.shared.lifecycle.has_input_derivatives = false;
+        }
     }
 
     /// Takes a step, or the samples in it, by the function of the model.

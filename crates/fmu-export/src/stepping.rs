@@ -79,7 +79,11 @@ impl Stepping {
         /// model's default experiment.
         const MAX: f64 = 1e6;
         let facts = c.model.facts();
-        let count = match c.shared.settings.intermediate_update.is_some() && facts.is_continuous {
+        // A ramp of an input begins where the model's own step does, so that step is taken as a whole.
+        let is_divided = c.shared.settings.intermediate_update.is_some()
+            && facts.is_continuous
+            && !c.shared.lifecycle.has_input_derivatives;
+        let count = match is_divided {
             true => libm::ceil(step / facts.step - 1e-6).clamp(1.0, MAX),
             false => 1.0,
         };
@@ -173,6 +177,7 @@ impl Stepping {
             };
             taken.map_err(|error| error.in_step(time, step))?;
         }
+        c.end_ramps();
         self.now = reached;
         c.shared.lifecycle.time = reached;
         Ok(())

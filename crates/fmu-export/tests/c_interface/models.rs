@@ -348,7 +348,8 @@ impl Simulate for Sampled {
 #[model(continuous, step = Self::step, step_size = 0.1)]
 #[rustfmt::skip]
 pub struct Ball {
-    /** acceleration by the drive */ #[input] drive: f64,
+    /** acceleration by the drive */ #[input(derivative = self.drive_rate)] drive: f64,
+    drive_rate: f64,
     /** how the equations and events fail */ #[input(min = 0, max = BUG)] trouble: f64,
     /** how steps after 0.15 s fail */ #[input(min = 0, max = BUG)] fault: f64,
     /** height */ #[output(state, nominal = 10, initially_from("h0"))] h: f64,
@@ -377,12 +378,12 @@ impl Ball {
     /// Time of the kick (s).
     pub const KICK: f64 = 0.5;
 
-    /// Exact without drag; without events.
+    /// Exact without drag, but for h on a ramp; without events.
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         if time > 0.15 {
             fail(self.fault)?;
         }
-        let acceleration = self.drive - Self::G;
+        let acceleration = self.drive + self.drive_rate * step / 2.0 - Self::G;
         self.h += (self.v + acceleration * step / 2.0) * step;
         self.v += acceleration * step;
         self.contact = self.h;

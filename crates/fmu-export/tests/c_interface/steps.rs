@@ -894,6 +894,21 @@ fn a_ramp_applies_to_the_next_step_only() {
 }
 
 #[test]
+fn a_step_that_the_host_sees_into_ends_the_ramp_too() {
+    for (kind, early_return) in pairs(&[PLAIN[1], EVENTS], &[false, true]) {
+        let it = updating(kind, early_return, &[]);
+        // As components have it.
+        let with_ramps = Fmu { kind: PLAIN[0], ..*it };
+        ok([it.set(Ball::DRIVE, Ball::G)]);
+        ok([with_ramps.set_input_derivatives(&[Ball::DRIVE], &[1], &[8.0])]);
+        for time in [0.0, 0.25] {
+            it.steps(time, 0.25);
+            assert_eq!(it.get([Ball::V]), [0.25], "8 h²/2");
+        }
+    }
+}
+
+#[test]
 fn an_element_of_an_array_of_structs_has_input_derivatives() {
     let it = Instance::running(PLAIN[0], DEVICE);
     ok([it.set(Device::U_1, 1.0), it.set_input_derivatives(&[Device::U_2], &[1], &[4.0])]);
