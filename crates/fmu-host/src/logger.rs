@@ -119,7 +119,7 @@ unsafe extern "C" fn log(
                 instance: text(instance),
                 status: status.into(),
                 category: text(category),
-                text: formatted(format, arguments),
+                text: unescaped(&formatted(format, arguments)),
             }
         }
     });
@@ -142,9 +142,15 @@ pub(crate) unsafe extern "C" fn log_3(
             instance: None,
             status: Status::of(Version::Fmi3, status),
             category,
-            text: text.unwrap_or_default(),
+            text: unescaped(&text.unwrap_or_default()),
         }
     });
+}
+
+/// A message in which `##` stands for `#`, as both versions want it (FMI 2.0.5, section 2.1.5; FMI 3.0.2, section
+/// 2.3.1). References to variables, such as `#3#`, stay as they are.
+pub(crate) fn unescaped(text: &str) -> String {
+    text.replace("##", "#")
 }
 
 /// Passes a message to the sink of an instance; does not unwind.
@@ -413,7 +419,7 @@ mod tests {
         let none = logged!(c"100%% plain");
         assert_eq!((none.status, none.category.as_deref()), (Status::Warning, Some("c")));
         assert_eq!(none.text, "100% plain");
-        assert_eq!(logged!(c"%s=%d", a, -7).text, "text=-7");
+        assert_eq!(logged!(c"%s=%d #3# ##%d", a, -7, 1).text, "text=-7 #3# #1");
         let many = logged!(
             c"%d %s %g %d %s %g %lld %d %g %g %g %g %g %g %g %d %s %g",
             1,

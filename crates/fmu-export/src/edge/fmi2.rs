@@ -15,7 +15,7 @@ pub use fmi_abi::fmi2::*;
 use fmi_abi::state::State;
 use fmi_abi::{Version, c_type, fmi2_functions};
 
-use super::{c_text, text};
+use super::{c_message, text};
 use crate::component::{Component, Edge, Outcome, Settings};
 use crate::entry::Entry;
 use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
@@ -93,7 +93,7 @@ fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr>) -> Optio
     let instance = name.map(CStr::to_owned).unwrap_or_default();
     Some(Box::new(move |category, message| {
         let status = fmi2Status(category.status());
-        let (category, text) = (category.name().as_ptr(), c_text(message));
+        let (category, text) = (category.name().as_ptr(), c_message(message));
         // SAFETY: the host provides this function to be called with these C types (FMI 2.0.5, section
         // 2.1.5); all strings are zero-terminated and outlive the call; the text is an argument of the format
         // "%s", never the format itself.

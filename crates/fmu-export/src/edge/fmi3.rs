@@ -21,7 +21,7 @@ use fmi_abi::state::State;
 use fmi_abi::{Version, c_type, fmi3_functions};
 use fmu_description::{Type, Value};
 
-use super::{c_text, instantiate, text};
+use super::{c_message, instantiate, text};
 use crate::bound::Numbers;
 use crate::component::{Component, Edge, IntermediateUpdate, Outcome, Settings};
 use crate::entry::Entry;
@@ -169,8 +169,7 @@ fn sink(
 ) -> Option<Sink> {
     let log_message = log_message?;
     Some(Box::new(move |category, message| {
-        // `#` introduces a value reference (FMI 3.0.2, section 2.3.1).
-        let text = c_text(&message.replace('#', "##"));
+        let text = c_message(message);
         let (status, category) = (category.status(), category.name().as_ptr());
         // SAFETY: the host provides this function to be called with these C types (FMI 3.0.2, section
         // 2.3.1); the strings are zero-terminated and outlive the call.

@@ -172,6 +172,11 @@ fn c_text(text: &str) -> CString {
     CString::new(text.replace('\0', " ")).unwrap_or_default()
 }
 
+/// A message for C, where `#` introduces a value reference (FMI 2.0.5, section 2.1.5; FMI 3.0.2, section 2.3.1).
+fn c_message(text: &str) -> CString {
+    c_text(&text.replace('#', "##"))
+}
+
 /// Creates an instance of the model that a host chooses by name and GUID, for the mode. On failure, logs the
 /// reason and returns NULL.
 fn instantiate(

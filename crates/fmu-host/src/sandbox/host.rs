@@ -57,7 +57,7 @@ impl Call<'_> {
         match name {
             "log-message" => {
                 let (instance, status) = (Some(self.text(0)?), abi::status(self.word(2)?)?);
-                let (category, text) = (Some(self.text(3)?), self.text(5)?);
+                let (category, text) = (Some(self.text(3)?), logger::unescaped(&self.text(5)?));
                 let status = Status::from(status.0);
                 self.caller.data().log(Logged { instance, status, category, text });
             }
