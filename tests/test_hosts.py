@@ -257,7 +257,7 @@ def test_a_panic_only_affects_its_instance(machine, program, tmp_path):
         arguments = [machine.path(fmu.binary), fmu.guid, "panic", f"r{u}=-1", f"r{y}"]
         (line,) = machine.run(program(host), *arguments).splitlines()
         assert line.startswith(f"[logStatusFatal] {step}: ")
-        assert line.endswith("panicked and is dead: u is -1.0")
+        assert line.endswith("panicked; the instance can only be freed: u is -1.0")
     run_scenarios(machine, program("host3"), fmu, ["values", "fmu_state", "damaged_bytes"])
 
 

@@ -291,7 +291,9 @@ impl Component {
         let (name, place) = (call.name, log::take_place_of_panic());
         self.shared.settings.log.send(
             Category::Fatal,
-            format_args!("{name}: {place}the model panicked and is dead: {text}"),
+            format_args!(
+                "{name}: {place}the model panicked; the instance can only be freed: {text}"
+            ),
         );
         Outcome::Fatal
     }

@@ -187,6 +187,7 @@ fn instantiate(
     settings: Settings,
 ) -> Pointer {
     log::silence_panics();
+    let log = settings.log.clone();
     let made = catch_unwind(AssertUnwindSafe(|| {
         let chosen = mode.and_then(|mode| Ok((mode, Entry::choose(models, name, mode, guid)?)));
         match chosen {
@@ -198,7 +199,11 @@ fn instantiate(
             }
         }
     }));
-    made.unwrap_or(std::ptr::null_mut())
+    made.unwrap_or_else(|panic| {
+        let (place, text) = (log::take_place_of_panic(), log::text_of_panic(&*panic));
+        log.send(Category::Fatal, format_args!("{function}: {place}the model panicked: {text}"));
+        std::ptr::null_mut()
+    })
 }
 
 /// The methods whose arguments are of C, for both versions.

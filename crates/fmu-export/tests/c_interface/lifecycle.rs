@@ -100,6 +100,17 @@ const FATALS: &CStr = c"logStatusFatal";
 const EVENT: &CStr = c"logEvents";
 const ALL: &CStr = c"logAll";
 
+#[test]
+fn a_panic_in_the_instantiation_is_logged() {
+    for kind in PLAIN {
+        IS_BROKEN.set(true);
+        let it = Instance::of(kind, DEVICE);
+        IS_BROKEN.set(false);
+        assert!(it.c.is_null());
+        it.says("the model panicked: the bug shows at the start");
+    }
+}
+
 fn debugged(kind: Kind, name: &CStr) -> Instance {
     Arguments::of(kind, BALL).make(|a| (a.name, a.debug) = (Some(name), true))
 }

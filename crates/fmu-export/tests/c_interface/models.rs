@@ -560,10 +560,22 @@ pub struct Device {
     #[nested] filter: [Filter; 2],
     /** sum of the filters */ #[output] y: f64,
     #[log] log: Log,
-    #[unsaved] connection: Option<Connection>,
+    #[unsaved] connection: Connection,
 }
 
-struct Connection(f64);
+struct Connection(Option<f64>);
+
+thread_local! {
+    /// Whether [`Device`] panics when it is created.
+    pub static IS_BROKEN: Cell<bool> = const { Cell::new(false) };
+}
+
+impl Default for Connection {
+    fn default() -> Self {
+        assert!(!IS_BROKEN.get(), "the bug shows at the start");
+        Self(None)
+    }
+}
 
 /// A filter of an input whose slope the host may provide
 #[derive(Variables)]
@@ -580,12 +592,12 @@ impl Device {
 
 impl Simulate for Device {
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        self.connection = Some(Connection(start.time));
+        self.connection = Connection(Some(start.time));
         Ok(())
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        let Some(Connection(opened)) = self.connection else {
+        let Connection(Some(opened)) = self.connection else {
             return Err(ModelError::new("there is no connection"));
         };
         match self.level {

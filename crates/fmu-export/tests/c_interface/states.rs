@@ -352,7 +352,7 @@ fn a_panic_is_caught_and_affects_its_instance_only() {
             let it = bring(kind, state);
             assert_eq!(it.set(Ball::TROUBLE, BUG), OK);
             assert_eq!(call(*it), FATAL);
-            it.says("the model panicked and is dead: the bug");
+            it.says("the model panicked; the instance can only be freed: the bug");
             let message = it.messages().pop().unwrap();
             assert_eq!(message.kind(), ("logStatusFatal", FATAL));
             assert_eq!(it.reset(), FATAL);
