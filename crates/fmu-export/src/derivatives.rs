@@ -226,14 +226,12 @@ impl Component {
         self.check_announced(references)?;
         let elements = self.elements(references, values.len())?;
         let mut derivatives = Vec::with_capacity(elements.len());
-        let mut orders = references.iter().zip(orders).peekable();
-        let mut order = 1;
-        for &element in elements.iter() {
-            if let Some((_, of_variable)) = orders.next_if(|(reference, _)| **reference == element)
-            {
-                order = *of_variable;
+        let mut rest = elements.iter();
+        for (&reference, &order) in references.iter().zip(orders) {
+            let count = self.count(reference).unwrap_or_default();
+            for &element in rest.by_ref().take(count) {
+                derivatives.push(self.derivative_of_output(element, order)?);
             }
-            derivatives.push(self.derivative_of_output(element, order)?);
         }
         let saved = self.evaluate_aside()?;
         let got = self.get_elements(Type::Float64, &derivatives, &mut |i, value| {

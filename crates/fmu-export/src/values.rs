@@ -132,6 +132,14 @@ impl Component {
         Ok(scalar)
     }
 
+    /// The number of elements that are accessed by a value reference; `None` if it is unknown.
+    pub(crate) fn count(&mut self, reference: u32) -> Option<usize> {
+        match self.shared.settings.edge.version {
+            Version::Fmi3 if !self.is_time(reference) => self.model.elements(reference),
+            _ => Some(1),
+        }
+    }
+
     /// The value references of all elements of variables, which are accessed with `n` values.
     pub(crate) fn elements<'a>(
         &mut self,
@@ -143,12 +151,10 @@ impl Component {
         }
         let mut elements = Vec::with_capacity(n);
         for &reference in references {
-            let count = match self.model.elements(reference) {
-                _ if self.is_time(reference) => 1,
-                Some(count) => count as u32,
-                None => return refused!("value reference {reference} is unknown"),
+            let Some(count) = self.count(reference) else {
+                return refused!("value reference {reference} is unknown");
             };
-            elements.extend(reference..reference + count);
+            elements.extend(reference..reference + count as u32);
         }
         let count = elements.len();
         ensure!(

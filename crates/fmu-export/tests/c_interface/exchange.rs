@@ -346,4 +346,10 @@ fn a_derivative_between_steps_changes_nothing_and_is_never_discarded() {
     let three = Instance::running(PLAIN[1], BALL);
     let call = |f: Fmu| f.get_output_derivatives(&[Ball::V], &[1], &mut [0.0; 2]);
     three.refuses("values passed: 2; expected 1", call);
+    let without_names = Instance::of(PLAIN[1], SAMPLED);
+    ok([without_names.enter_configuration_mode(), without_names.set_u64(&[Sampled::M], &[0])]);
+    ok([without_names.exit_configuration_mode()]);
+    let of = [Sampled::NAMES, Sampled::Y];
+    let call = |f: Fmu| f.get_output_derivatives(&of, &[2, 2], &mut [0.0]);
+    without_names.run(0.0).refuses("the derivative of y is of order 2", call);
 }
