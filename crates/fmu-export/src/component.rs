@@ -246,7 +246,8 @@ impl Component {
     #[cold]
     fn refuse_in(&self, state: State, call: &Call) -> Outcome {
         let all = State::ALL.iter();
-        let all = all.filter(|(state, _)| call.is_allowed(*state));
+        let mode = self.shared.lifecycle.mode;
+        let all = all.filter(|(state, _)| call.is_allowed(*state) && mode.has(*state));
         let mut allowed: Vec<String> = all.map(|(_, name)| (*name).to_owned()).collect();
         allowed.dedup();
         self.shared.settings.log.send(

@@ -37,9 +37,10 @@ impl Mode {
     /// Whether instances of this mode can be in a state.
     pub(crate) const fn has(self, state: State) -> bool {
         match state {
-            State::StepMode | State::StepFailed | State::StepReconfiguration => {
-                !matches!(self, Self::ModelExchange)
-            }
+            State::StepMode
+            | State::StepFailed
+            | State::StepReconfiguration
+            | State::IntermediateUpdate => !matches!(self, Self::ModelExchange),
             State::Event | State::EventReconfiguration => !matches!(self, Self::CoSimulation),
             State::ContinuousTime => matches!(self, Self::ModelExchange),
             _ => true,

@@ -236,7 +236,8 @@ fn calls_are_allowed_according_to_the_table() {
                     continue;
                 }
             };
-            let allowed = named().filter(|(state, _)| letters.contains(*state));
+            let has = |state| states(kind).contains(state) || state == 'U' && kind.1 != Exchanged;
+            let allowed = named().filter(|(state, _)| letters.contains(*state) && has(*state));
             let mut allowed: Vec<&str> = allowed.map(|(_, name)| name).collect();
             allowed.dedup();
             let (call_name, state_name) = (it.name(operation), name(state));
