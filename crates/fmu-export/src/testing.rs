@@ -19,7 +19,7 @@ use crate::bound::Bound;
 use crate::component::{Component, Edge, Outcome, Pointer, Settings};
 use crate::instance;
 use crate::log::{Category, Log};
-use crate::model::{Kind, Model, ModelError};
+use crate::model::{Kind, Model, ModelError, ensure};
 use crate::values::Given;
 
 static EDGE: Edge = Edge {
@@ -158,7 +158,6 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The model cannot be initialized with its values, or is so already.
     pub fn initialize(&mut self, time: f64) -> Result<(), ModelError> {
-        self.origin = time;
         let outcome = self.component.call(&INITIALIZE, |c| {
             c.set_experiment(time, None, None)?;
             c.enter(State::Initialization);
@@ -168,7 +167,9 @@ impl<M: Drive> Driver<M> {
         if lifecycle.state == State::Initialization {
             lifecycle.state = State::Instantiated;
         }
-        self.result(outcome)
+        self.result(outcome)?;
+        self.origin = time;
+        Ok(())
     }
 
     /// Takes a communication step (s), with constant inputs.
@@ -196,14 +197,18 @@ impl<M: Drive> Driver<M> {
     /// which is the current one.
     ///
     /// # Errors
-    /// As [`step`](Self::step).
+    /// The time or the size is not finite, or the size not positive, and as [`step`](Self::step).
     pub fn run(&mut self, stop: f64, size: f64) -> Result<Vec<Vec<f64>>, ModelError> {
         if self.component.shared.lifecycle.state == State::Instantiated {
             self.initialize(0.0)?;
         }
-        let steps = libm::round((stop - self.time()) / size) as usize;
+        let steps = libm::round((stop - self.time()) / size);
+        ensure!(
+            size > 0.0 && size.is_finite() && steps.is_finite(),
+            "the run is to {stop:?} s by {size:?} s; expected finite numbers, the second positive"
+        );
         let mut rows = vec![self.outputs()];
-        for _ in 0..steps {
+        for _ in 0..steps as usize {
             self.step(size)?;
             rows.push(self.outputs());
         }

@@ -125,9 +125,12 @@ impl Component {
     /// The scalar or element with a value reference, if the functions of a type access it.
     fn find(&mut self, of_type: Type, reference: u32) -> Result<Scalar, ModelError> {
         let (version, count) = (self.shared.settings.edge.version, self.model.facts().count);
-        let found = self.model.find(reference);
-        let is_known = |s: &Scalar| version == Version::Fmi3 || self.model.is_element(s, reference);
-        let scalar = found.filter(is_known).ok_or_else(|| unknown(count, reference))?;
+        let scalar = self.model.find(reference).ok_or_else(|| unknown(count, reference))?;
+        ensure!(
+            version == Version::Fmi3 || self.model.is_element(&scalar, reference),
+            "{} is not available in FMI 2.0, where the sizes of arrays are fixed",
+            scalar.name()
+        );
         check_type(&scalar, of_type, version)?;
         Ok(scalar)
     }

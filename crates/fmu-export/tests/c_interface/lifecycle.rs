@@ -370,8 +370,9 @@ fn elements_that_are_in_use_can_be_addressed() {
                     ok([it.set(element, value)]);
                     assert_eq!(it.get([Sampled::GAINS, element]), [1.0, value]);
                 } else {
-                    it.refuses("is unknown", |f| f.set(element, 0.5));
-                    it.refuses("is unknown", |f| f.get_f64(&[element], &mut [0.0]));
+                    let words = format!("gains[{}] is not available in FMI 2.0", k + 1);
+                    it.refuses(&words, |f| f.set(element, 0.5));
+                    it.refuses(&words, |f| f.get_f64(&[element], &mut [0.0]));
                 }
             }
         }

@@ -992,4 +992,12 @@ fn a_driver_returns_the_outputs_at_communication_points_from_any_start() {
     assert_eq!(rows[0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0]);
     assert_eq!(rows[2], [2.25, 2.5, 2.75, 4.0, 1.0, 0.0, 3.0, 0.0]);
     assert_eq!((rows.len(), sampled.time()), (3, 3.0));
+    assert!(sampled.initialize(5.0).is_err(), "it is running");
+    for (stop, size) in [(4.0, 0.0), (4.0, -1.0), (4.0, NAN), (4.0, INFINITE), (INFINITE, 1.0)] {
+        assert!(sampled.run(stop, size).unwrap_err().reason().starts_with("the run is to "));
+    }
+    assert_eq!(sampled.time(), 3.0);
+    let refused = sampled.set("n", 2).unwrap_err();
+    let words = "set: n is not available in FMI 2.0, where the sizes of arrays are fixed";
+    assert_eq!(refused.reason(), words);
 }
