@@ -9,16 +9,13 @@
     reason = "the names of the standard"
 )]
 
-use core::ffi::{c_char, c_int, c_uint, c_void};
+use core::ffi::{c_char, c_int, c_void};
 
 use crate::define;
 
 pub type fmi2Component = *mut c_void;
 pub type fmi2ComponentEnvironment = *mut c_void;
 pub type fmi2FMUstate = *mut c_void;
-pub type fmi2ValueReference = c_uint;
-pub type fmi2Real = f64;
-pub type fmi2Integer = c_int;
 pub type fmi2Boolean = c_int;
 pub type fmi2Char = c_char;
 pub type fmi2String = *const fmi2Char;
@@ -75,7 +72,7 @@ pub struct fmi2EventInfo {
     pub nominalsOfContinuousStatesChanged: fmi2Boolean,
     pub valuesOfContinuousStatesChanged: fmi2Boolean,
     pub nextEventTimeDefined: fmi2Boolean,
-    pub nextEventTime: fmi2Real,
+    pub nextEventTime: f64,
 }
 
 /// Calls a macro with all functions of FMI 2.0; see the [crate].

@@ -16,17 +16,7 @@ use crate::define;
 pub type fmi3Instance = *mut c_void;
 pub type fmi3InstanceEnvironment = *mut c_void;
 pub type fmi3FMUState = *mut c_void;
-pub type fmi3ValueReference = u32;
-pub type fmi3Float32 = f32;
 pub type fmi3Float64 = f64;
-pub type fmi3Int8 = i8;
-pub type fmi3UInt8 = u8;
-pub type fmi3Int16 = i16;
-pub type fmi3UInt16 = u16;
-pub type fmi3Int32 = i32;
-pub type fmi3UInt32 = u32;
-pub type fmi3Int64 = i64;
-pub type fmi3UInt64 = u64;
 /// C's `bool`, an integer because the other side may pass any value.
 pub type fmi3Boolean = u8;
 pub type fmi3Char = c_char;

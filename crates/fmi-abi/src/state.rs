@@ -64,32 +64,27 @@ impl State {
 /// Defines a constant for each set of states.
 macro_rules! sets {
     ($($(#[$about:meta])* $name:ident = $($part:expr),+;)*) => {
-        $($(#[$about])* pub const $name: u16 = $($part as u16)|+;)*
+        $(
+            $(#[$about])*
+            #[allow(missing_docs, reason = "a set of one state has its name")]
+            pub const $name: u16 = $($part as u16)|+;
+        )*
     };
 }
 
 sets! {
     /// In no state: the function belongs to an ability that these FMUs do not have.
     NOWHERE = 0;
-    /// [`State::Instantiated`]
     INSTANTIATED = State::Instantiated;
-    /// [`State::Initialization`]
     INITIALIZATION = State::Initialization;
-    /// [`State::StepMode`]
     STEP_MODE = State::StepMode;
-    /// [`State::StepFailed`]
     STEP_FAILED = State::StepFailed;
-    /// [`State::Event`]
     EVENT = State::Event;
-    /// [`State::ContinuousTime`]
     CONTINUOUS_TIME = State::ContinuousTime;
-    /// [`State::Configuration`]
     CONFIGURATION = State::Configuration;
     /// Both states of reconfiguration.
     RECONFIGURATION = State::StepReconfiguration, State::EventReconfiguration;
-    /// [`State::IntermediateUpdate`]
     INTERMEDIATE_UPDATE = State::IntermediateUpdate;
-    /// [`State::Terminated`]
     TERMINATED = State::Terminated;
     /// A simulation is terminated or has failed.
     ENDED = State::Terminated, State::Error;
