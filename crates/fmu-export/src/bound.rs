@@ -46,8 +46,6 @@ pub(crate) trait AnyModel: Any {
     fn derivative(&self, unknown: u32, known: u32) -> f64;
     /// Checks that all Real outputs are finite.
     fn check_outputs(&mut self) -> Result<(), ModelError>;
-    fn sample_time(&self) -> f64;
-    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
     /// Integrates the equations over a step.
     fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
     /// What the author has written.
@@ -347,16 +345,6 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
             true => Ok(()),
             false => (self as &mut dyn AnyModel).find_not_finite(),
         }
-    }
-
-    #[inline(always)]
-    fn sample_time(&self) -> f64 {
-        self.model.sample_time()
-    }
-
-    #[inline(always)]
-    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        self.model.on_step(time, step)
     }
 
     fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {

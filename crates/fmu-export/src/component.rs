@@ -487,9 +487,9 @@ impl Component {
     fn take_samples(&mut self, due: u32, before: SampleClock) -> Result<(), ModelError> {
         let clock = &mut self.shared.lifecycle.clock;
         for remaining in (1..=due).rev() {
-            let sample_time = self.model.sample_time();
+            let sample_time = self.model.behavior().sample_time();
             let instant = clock.instant_before(remaining, sample_time);
-            if let Err(error) = self.model.step(instant, sample_time) {
+            if let Err(error) = self.model.behavior_mut().on_step(instant, sample_time) {
                 if remaining < due {
                     return Err(error.with_kind(Kind::Broken)); // earlier samples have changed the model
                 }
@@ -527,7 +527,7 @@ impl Component {
     pub(crate) fn next_event(&self) -> Option<f64> {
         let lifecycle = &self.shared.lifecycle;
         if self.model.facts().is_sampled {
-            return Some(lifecycle.clock.next_instant(self.model.sample_time()));
+            return Some(lifecycle.clock.next_instant(self.model.behavior().sample_time()));
         }
         let handled = lifecycle.integration.handled;
         let event = self.model.behavior().on_next_event(handled);
@@ -608,7 +608,7 @@ impl Component {
             let due = clock.due(time, step)?;
             self.take_samples(due, before)?;
         } else {
-            self.model.step(time, step)?;
+            self.model.behavior_mut().on_step(time, step)?;
         }
         self.model.check_outputs()
     }
@@ -825,7 +825,7 @@ impl Component {
             model.behavior_mut().on_evaluate(start.time)?;
         }
         let clock = match facts.is_sampled {
-            true => SampleClock::new(start.time, model.sample_time())?,
+            true => SampleClock::new(start.time, model.behavior().sample_time())?,
             false => SampleClock::UNSET,
         };
         model.check_equations().map_err(|error| {

@@ -10,7 +10,7 @@ use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use fmi_abi::state::State;
 
-use crate::bound::{AnyModel, Bound, Variant};
+use crate::bound::{Bound, Variant};
 use crate::component::{Component, End, Guid, Hot, Outcome, Pointer, Settings, Shared};
 use crate::model::{Model, ModelError};
 
@@ -156,7 +156,7 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
     unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
         // SAFETY: the caller's promise.
         let (c, references) = unsafe { (Self::of(instance), slice(references, n)) };
-        let model = &mut c.model as &mut dyn AnyModel;
+        let model: &mut dyn crate::bound::AnyModel = &mut c.model;
         let references = references.unwrap_or_default().iter();
         references.map(|&reference| model.elements(reference).unwrap_or(1)).sum()
     }
@@ -246,11 +246,12 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
     #[inline(always)]
     fn take_plain_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         if !M::IS_SAMPLED {
-            return self.model.step(time, step);
+            return self.model.model.on_step(time, step);
         }
         let clock = &mut self.shared.lifecycle.clock;
-        let sample_time = self.model.sample_time();
-        self.model.step(clock.next_instant(sample_time), sample_time)?;
+        let model = &mut self.model.model;
+        let sample_time = model.sample_time();
+        model.on_step(clock.next_instant(sample_time), sample_time)?;
         clock.advance();
         Ok(())
     }
