@@ -16,7 +16,7 @@
 )]
 
 use std::cell::Cell;
-use std::ffi::{CStr, CString, c_char};
+use std::ffi::{CStr, CString};
 use std::mem::{MaybeUninit, transmute};
 use std::panic::PanicHookInfo;
 use std::path::Path;
@@ -24,6 +24,7 @@ use std::ptr::{null, null_mut};
 use std::rc::Rc;
 
 use fmi_abi::{Call, fmi2, fmi3_functions};
+use fmu_description::{Type, Value};
 
 use super::c_text;
 use super::fmi3::*;
@@ -34,7 +35,8 @@ use crate::entry::Entry;
 use crate::instance::{component, shared};
 use crate::lifecycle::Mode;
 use crate::log::{Category, Log, Sink};
-use crate::model::{Model, ModelError};
+use crate::model::{Model, ModelError, refused};
+use crate::values::Given;
 
 #[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
 unsafe extern "C" {
@@ -308,11 +310,11 @@ fmi3_functions!(methods!);
 
 /// Defines functions of abilities that the FMUs do not have.
 macro_rules! unsupported {
-    ($($name:ident: $operation:ident($($type:ty),*) -> $result:ty;)*) => { $(
+    ($($name:ident: $operation:ident($($type:ty),*) -> $result:ty = $failed:expr;)*) => { $(
         #[unsafe(no_mangle)]
         extern "C" fn $operation(instance: Pointer $(, _: $type)*) -> $result {
             refuse(instance, &calls::$name);
-            <$result>::failed()
+            $failed
         }
     )* };
 }
@@ -326,36 +328,24 @@ fn refuse(instance: Pointer, operation: &Call) {
     });
 }
 
-trait Failed {
-    fn failed() -> Self;
-}
-
-impl Failed for fmi3Status {
-    fn failed() -> Self {
-        fmi3Error
-    }
-}
-
-impl<T> Failed for *const Answer<T> {
-    fn failed() -> Self {
-        put(Answer::Err(fmi3Error.0 as u8))
-    }
+fn failed<T>() -> *const Answer<T> {
+    put(Answer::Err(fmi3Error.0 as u8))
 }
 
 unsupported! {
-    fmi3GetClock: get_clock(*const u32, usize) -> Values<u8>;
-    fmi3SetClock: set_clock(*const u32, usize, *const u8, usize) -> fmi3Status;
-    fmi3GetNumberOfVariableDependencies: get_number_of_variable_dependencies(u32) -> *const Answer<u64>;
-    fmi3GetVariableDependencies: get_variable_dependencies(u32) -> Values<u8>;
-    fmi3GetIntervalDecimal: get_interval_decimal(*const u32, usize) -> Values<u8>;
-    fmi3GetIntervalFraction: get_interval_fraction(*const u32, usize) -> Values<u8>;
-    fmi3GetShiftDecimal: get_shift_decimal(*const u32, usize) -> Values<f64>;
-    fmi3GetShiftFraction: get_shift_fraction(*const u32, usize) -> Values<u8>;
-    fmi3SetIntervalDecimal: set_interval_decimal(*const u32, usize, *const f64, usize) -> fmi3Status;
-    fmi3SetIntervalFraction: set_interval_fraction(*const u32, usize, *const u64, usize) -> fmi3Status;
-    fmi3SetShiftDecimal: set_shift_decimal(*const u32, usize, *const f64, usize) -> fmi3Status;
-    fmi3SetShiftFraction: set_shift_fraction(*const u32, usize, *const u64, usize) -> fmi3Status;
-    fmi3EvaluateDiscreteStates: evaluate_discrete_states() -> fmi3Status;
+    fmi3GetClock: get_clock(*const u32, usize) -> Values<u8> = failed();
+    fmi3SetClock: set_clock(*const u32, usize, *const u8, usize) -> fmi3Status = fmi3Error;
+    fmi3GetNumberOfVariableDependencies: get_number_of_variable_dependencies(u32) -> *const Answer<u64> = failed();
+    fmi3GetVariableDependencies: get_variable_dependencies(u32) -> Values<u8> = failed();
+    fmi3GetIntervalDecimal: get_interval_decimal(*const u32, usize) -> Values<u8> = failed();
+    fmi3GetIntervalFraction: get_interval_fraction(*const u32, usize) -> Values<u8> = failed();
+    fmi3GetShiftDecimal: get_shift_decimal(*const u32, usize) -> Values<f64> = failed();
+    fmi3GetShiftFraction: get_shift_fraction(*const u32, usize) -> Values<u8> = failed();
+    fmi3SetIntervalDecimal: set_interval_decimal(*const u32, usize, *const f64, usize) -> fmi3Status = fmi3Error;
+    fmi3SetIntervalFraction: set_interval_fraction(*const u32, usize, *const u64, usize) -> fmi3Status = fmi3Error;
+    fmi3SetShiftDecimal: set_shift_decimal(*const u32, usize, *const f64, usize) -> fmi3Status = fmi3Error;
+    fmi3SetShiftFraction: set_shift_fraction(*const u32, usize, *const u64, usize) -> fmi3Status = fmi3Error;
+    fmi3EvaluateDiscreteStates: evaluate_discrete_states() -> fmi3Status = fmi3Error;
 }
 
 #[unsafe(no_mangle)]
@@ -572,81 +562,6 @@ unsafe fn texts(first: *const Text, n: usize) -> Vec<CString> {
     unsafe { slice(first, n).iter().map(|list| text(list.first, list.length)).collect() }
 }
 
-#[unsafe(no_mangle)]
-unsafe extern "C" fn get_string(
-    instance: Pointer,
-    references: *const u32,
-    n: usize,
-) -> Values<Text> {
-    // SAFETY: the host's promises; the texts live until the next call.
-    unsafe {
-        let n_values = count(instance, references, n);
-        values(instance, n_values, |first: *mut Text, n_values| {
-            let pointers = allocate::<*const c_char>(n_values);
-            let status = fmi3GetString(instance, references, n, pointers, n_values);
-            for i in 0..if status == fmi3OK { n_values } else { 0 } {
-                let text = CStr::from_ptr(pointers.add(i).read());
-                first.add(i).write(list(text.to_bytes()));
-            }
-            status
-        })
-    }
-}
-
-#[unsafe(no_mangle)]
-unsafe extern "C" fn set_string(
-    instance: Pointer,
-    references: *const u32,
-    n: usize,
-    values: *const Text,
-    n_values: usize,
-) -> fmi3Status {
-    // SAFETY: the host's promises.
-    call(instance, || unsafe {
-        let texts = texts(values, n_values);
-        let pointers: Vec<_> = texts.iter().map(|text| text.as_ptr()).collect();
-        fmi3SetString(instance, references, n, pointers.as_ptr(), n_values)
-    })
-}
-
-#[unsafe(no_mangle)]
-unsafe extern "C" fn get_binary(
-    instance: Pointer,
-    references: *const u32,
-    n: usize,
-) -> Values<Text> {
-    // SAFETY: the host's promises; the bytes live until the next call.
-    unsafe {
-        let n_values = count(instance, references, n);
-        values(instance, n_values, |first: *mut Text, n_values| {
-            let (sizes, pointers) = (allocate::<usize>(n_values), allocate(n_values));
-            let status = fmi3GetBinary(instance, references, n, sizes, pointers, n_values);
-            for i in 0..if status == fmi3OK { n_values } else { 0 } {
-                let (first_byte, length) = (pointers.add(i).read(), sizes.add(i).read());
-                first.add(i).write(List { first: first_byte, length });
-            }
-            status
-        })
-    }
-}
-
-#[unsafe(no_mangle)]
-unsafe extern "C" fn set_binary(
-    instance: Pointer,
-    references: *const u32,
-    n: usize,
-    values: *const Text,
-    n_values: usize,
-) -> fmi3Status {
-    // SAFETY: the host's promises.
-    call(instance, || unsafe {
-        let lists = slice(values, n_values).iter();
-        let (sizes, pointers): (Vec<_>, Vec<_>) =
-            lists.map(|list| (list.length, list.first)).unzip();
-        fmi3SetBinary(instance, references, n, sizes.as_ptr(), pointers.as_ptr(), n_values)
-    })
-}
-
 /// Does what has other arguments in C, by a method of the component.
 ///
 /// # Safety
@@ -661,16 +576,68 @@ unsafe fn perform(
     c.map_or(fmi3Error, |c| fmi3Status(c.call(operation, work) as i32))
 }
 
+/// Memory with these bytes, until the next call.
+fn copied(bytes: &[u8]) -> Text {
+    let first = allocate::<u8>(bytes.len());
+    // SAFETY: it is memory for as many bytes.
+    unsafe { first.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
+    List { first, length: bytes.len() }
+}
+
+/// Defines the functions that get and set texts or bytes, which C has as pointers.
+macro_rules! lists {
+    ($($name:ident: $get:ident by $get_in_c:ident, $set:ident by $set_in_c:ident, $from:expr;)*) => { $(
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $get(
+            instance: Pointer, references: *const u32, n: usize
+        ) -> Values<Text> {
+            // SAFETY: the host's promises; the memory is for as many values.
+            unsafe {
+                let n_values = count(instance, references, n);
+                values(instance, n_values, |first: *mut Text, n_values| {
+                    perform(instance, &calls::$get_in_c, |c| {
+                        let references = slice(references, n);
+                        c.get(Type::$name, references, n_values, &mut |i, value| {
+                            if let Value::$name(value) = value {
+                                first.add(i).write(copied(value.as_ref()));
+                            }
+                        })
+                    })
+                })
+            }
+        }
+
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $set(
+            instance: Pointer, references: *const u32, n: usize, values: *const Text, n_values: usize
+        ) -> fmi3Status {
+            // SAFETY: the host's promises.
+            call(instance, || unsafe {
+                let given = |i: usize| {
+                    let List { first, length } = slice(values, n_values)[i];
+                    Given::Other(Ok(Value::$name($from(slice(first, length)))))
+                };
+                perform(instance, &calls::$set_in_c, |c| {
+                    c.set(Type::$name, slice(references, n), n_values, &given)
+                })
+            })
+        }
+    )* };
+}
+
+lists! {
+    String: get_string by fmi3GetString, set_string by fmi3SetString,
+        |text| String::from_utf8_lossy(text).into_owned();
+    Binary: get_binary by fmi3GetBinary, set_binary by fmi3SetBinary, <[u8]>::to_vec;
+}
+
 #[unsafe(no_mangle)]
 unsafe extern "C" fn get_fmu_state(instance: Pointer) -> Values<u8> {
     // SAFETY: the host's promises; the memory is for as many bytes.
     call(instance, || unsafe {
         let mut state = list(&[]);
         let status = perform(instance, &calls::fmi3GetFMUState, |c| {
-            let bytes = c.serialize(&c.snapshot()?)?;
-            let first = allocate::<u8>(bytes.len());
-            first.copy_from(bytes.as_ptr(), bytes.len());
-            state = List { first, length: bytes.len() };
+            state = copied(&c.serialize(&c.snapshot()?)?);
             Ok(())
         });
         answer(status, state)
@@ -753,7 +720,7 @@ unsafe extern "C" fn set_input_derivatives(
         let ((references, orders), values) = (orders(pairs, n), slice(values, n_values));
         perform(instance, &operation, |c| match n == n_values {
             true => c.set_input_derivatives(&references, &orders, values),
-            false => Err(ModelError::refuse("there are not as many values as requests")),
+            false => refused!("values passed: {n_values}; expected {n}, one for each request"),
         })
     })
 }
