@@ -5,7 +5,7 @@
 //! which it is allowed:
 //!
 //! ```text
-//! fmi2GetReal(references: [in u32; n], n: [len], values: [out f64; n]) => get_float64 in READABLE;
+//! fmi2GetReal(references: [in u32; n], n: [len], values: [out f64; n]) => get_float64 in COMPUTED;
 //! ```
 //!
 //! The operations have the names of FMI 3.0: `fmi2GetReal` and `fmi3GetFloat64` both perform `get_float64`. The

@@ -56,7 +56,7 @@ impl Field {
             Role::Nested if !matches!(found.element_type(), Type::Path(_)) => {
                 return error(&field.ty, "expected a struct with #[derive(Variables)]");
             }
-            Role::Nested if found.structs() == 0 => {
+            Role::Nested if found.row_count() == 0 => {
                 let what =
                     "expected an array of one dimension with a literal length, such as [Motor; 3]";
                 return error(&field.ty, what);
@@ -125,8 +125,9 @@ impl Field {
         ty
     }
 
-    /// Number of rows: of nested structs in an array, otherwise one; 0 if they cannot be counted.
-    pub fn structs(&self) -> usize {
+    /// Number of rows in the table: the length of an array of nested structs (0 if it is no literal), otherwise one,
+    /// or 0 without a variable.
+    pub fn row_count(&self) -> usize {
         match (self.role, &*self.dimensions()) {
             (Role::Nested, [length_of]) => length(length_of).map_or(0, |length| length as usize),
             (Role::Nested, [_, _, ..]) => 0,

@@ -79,7 +79,7 @@ impl Field {
             let offset = quote!(::core::mem::offset_of!(Self, #ident) + #i * size_of::<#ty>());
             quote!(#krate::Row::Group { prefix: #prefix, offset: #offset, rows: #rows })
         };
-        (0..self.structs()).map(group).collect()
+        (0..self.row_count()).map(group).collect()
     }
 
     /// The row of a variable.
@@ -151,7 +151,7 @@ impl Field {
         })
     }
 
-    /// Whether it makes the state of the struct one that cannot be saved; `None` if it never does.
+    /// True if this field keeps the state of the struct from being saved; `None` if it never does.
     pub fn is_unsaved(&self) -> Option<TokenStream> {
         match self.role {
             Role::Unsaved => Some(quote!(true)),
@@ -167,7 +167,7 @@ impl Field {
         }
         let count = self.element(&quote!(COUNT));
         let place = |i: usize| (quote!(self.#ident[#i]), quote!(const { #i * #count + #first }));
-        (0..self.structs()).map(place).collect()
+        (0..self.row_count()).map(place).collect()
     }
 
     /// The arms of `input_derivative`.

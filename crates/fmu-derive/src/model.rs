@@ -241,7 +241,7 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     let mut row = 0;
     for field in &mut fields {
         field.row = row;
-        row += field.structs();
+        row += field.row_count();
     }
     check_names(&fields)?;
     Ok(fields)

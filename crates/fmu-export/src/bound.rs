@@ -115,7 +115,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         !self.is_smaller() && self.set_each(Self::ELEMENTS, references, values)
     }
 
-    /// Whether fewer elements of an array are in use than the table of places has, as a variant may say.
+    /// Whether a variant uses fewer elements of an array than `ELEMENTS` assumes.
     #[inline(always)]
     fn is_smaller(&self) -> bool {
         Self::HAS_STRUCTURAL_PARAMETERS && self.is_smaller

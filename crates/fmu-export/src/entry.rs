@@ -2,6 +2,7 @@
 
 use std::ffi::CStr;
 
+use fmi_abi::Version;
 use fmu_description::interface::guid;
 use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
@@ -102,6 +103,7 @@ impl Entry {
         name: Option<&CStr>,
         mode: Mode,
         guid: Option<&CStr>,
+        version: Version,
     ) -> Result<&'static Self, String> {
         if name.is_none_or(CStr::is_empty) {
             return Err("the instance name is missing".into());
@@ -109,12 +111,16 @@ impl Entry {
         if name.is_some_and(|name| name.to_str().is_err()) {
             return Err("the instance name is not UTF-8".into());
         }
-        let guid = guid.ok_or("the GUID is missing")?.to_string_lossy();
+        let what = match version {
+            Version::Fmi2 => "GUID",
+            Version::Fmi3 => "instantiation token",
+        };
+        let guid = guid.ok_or_else(|| format!("the {what} is missing"))?.to_string_lossy();
         let model = models.iter().find(|m| m.guid() == guid).ok_or_else(|| {
             let known: Vec<String> =
                 models.iter().map(|m| format!("{} {}", m.name(), m.guid())).collect();
             format!(
-                "the GUID {guid} is that of another FMU or version; this binary has: {}",
+                "the {what} {guid} is that of another FMU or version; this binary has: {}",
                 known.join(", ")
             )
         })?;

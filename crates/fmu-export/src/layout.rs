@@ -84,7 +84,7 @@ impl<T: Copy, const N: usize> List<T, N> {
         self.length += 1;
     }
 
-    /// The items, without the memory for others if there are none.
+    /// The items; if there are none, a slice that keeps no array in the binary.
     pub(crate) const fn as_slice(&'static self) -> &'static [T] {
         match self.length {
             0 => &[],

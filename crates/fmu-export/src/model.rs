@@ -37,7 +37,7 @@ pub trait Model: Variables + Behavior {
     const TOLERANCE: f64 = 0.0;
 
     /// The model with its start values.
-    #[inline(never)] // it is small only once
+    #[inline(never)] // inlined, it would be repeated in every caller
     fn new() -> Self {
         let mut model = Self::unset();
         // SAFETY: the rows are those of the model.

@@ -300,14 +300,14 @@ fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static s
             )
         }
         _ if is_configuration => {
-            Some("no structural parameter, which is all that can be set in configuration mode")
+            Some("not a structural parameter; only those can be set in configuration mode")
         }
         (_, Variability::Fixed) if !is_start => {
             Some("a fixed parameter, which cannot be set after the initialization")
         }
         (Causality::Input, Variability::Continuous) => None,
         _ if matches!(state, ContinuousTime | IntermediateUpdate) => {
-            Some("not a continuous input, which is all that can be set between events")
+            Some("not a continuous input; only those can be set between events")
         }
         _ => None,
     }

@@ -189,7 +189,9 @@ fn instantiate(
     log::silence_panics();
     let log = settings.log.clone();
     let made = catch_unwind(AssertUnwindSafe(|| {
-        let chosen = mode.and_then(|mode| Ok((mode, Entry::choose(models, name, mode, guid)?)));
+        let version = settings.edge.version;
+        let chosen =
+            mode.and_then(|mode| Ok((mode, Entry::choose(models, name, mode, guid, version)?)));
         match chosen {
             Ok((mode, entry)) => entry.create(Settings { mode, ..settings }),
             Err(reason) => {

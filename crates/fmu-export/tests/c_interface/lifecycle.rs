@@ -34,10 +34,14 @@ fn wrong_arguments_are_reported() {
                 (name, Some(&*every), "Every is for co-simulation, not for model exchange")
             }
         };
+        let missing = match kind.0 {
+            Fmi2 => "the GUID is missing",
+            Fmi3 => "the instantiation token is missing",
+        };
         for (name, token, reason) in [
             (Some(c""), guid, "the instance name is missing"),
             (Some(c"pend\xff"), guid, "the instance name is not UTF-8"),
-            (name, None, "the GUID is missing"),
+            (name, None, missing),
             (name, Some(c""), "is that of another FMU"),
             (name, Some(c"{another}"), "this binary has: Every {"),
             (name, Some(c"\xff\xfe"), "is that of another FMU"),
