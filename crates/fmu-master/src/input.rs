@@ -130,10 +130,10 @@ impl Input {
     /// The row whose values hold at a time, and the row up to which they are interpolated, unless they are
     /// constant.
     fn rows(&self, time: f64) -> (usize, Option<usize>) {
-        let is_close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs());
         let times = &self.times;
+        let same = table::rounding(time, times[0]);
         let mut next = times.partition_point(|t| *t <= time);
-        let is_now = |row: usize| times.get(row).is_some_and(|t| is_close(*t, time));
+        let is_now = |row: usize| times.get(row).is_some_and(|t| (t - time).abs() <= same);
         let after = (next..).find(|row| !is_now(*row)).unwrap_or(next);
         if after > next + 1 {
             next = after;
@@ -264,5 +264,7 @@ mod tests {
         let smooth = input(&[0.0, 0.1 + 0.2, 0.5]);
         assert_eq!(smooth.rows(0.3), (1, Some(1)));
         assert_eq!(smooth.rows(0.1 + 0.2), (1, Some(2)));
+        let since_1970 = input(&[1.7e9, 1.7e9 + 1.0]);
+        assert_eq!(since_1970.rows(1.7e9 + 0.5), (0, Some(1)));
     }
 }

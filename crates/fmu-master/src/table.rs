@@ -23,6 +23,7 @@ use fmu_file::replace::Replacement;
 use serde::{Deserialize, Serialize};
 
 pub use compare::{Difference, Tolerance, compare};
+pub(crate) use read::rounding;
 pub use read::{Series, read, times};
 
 /// A column of a table.

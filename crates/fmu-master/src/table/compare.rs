@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
 
-use super::{Cell, Series, times};
+use super::{Cell, Series, rounding, times};
 
 /// How far numbers may be apart: `absolute + relative * LARGEST`, with the largest magnitude of the variable
 /// in the first table.
@@ -45,9 +45,6 @@ impl Difference {
     }
 }
 
-/// Times closer together than this, relative to the largest, are the same.
-const SAME_TIME: f64 = 1e-9;
-
 /// Compares the variables of the first table, at its times, with those of the second; returns the first
 /// difference of each variable, in the order of their times.
 ///
@@ -65,7 +62,7 @@ pub fn compare(
     let of_b = times(b).context("the second table")?;
     let ends = |times: &[f64]| (times[0], times[times.len() - 1]);
     let ((first_a, last_a), (first_b, last_b)) = (ends(&of_a), ends(&of_b));
-    let same = SAME_TIME * last_a.abs().max(first_a.abs()).max(1e-3);
+    let same = rounding(last_a, first_a);
     ensure!(
         (first_a - first_b).abs() <= same && (last_a - last_b).abs() <= same,
         "the first is from {first_a:?} s to {last_a:?} s, the second from {first_b:?} s to {last_b:?} s"

@@ -101,3 +101,9 @@ pub fn times(table: &[Series]) -> Result<Vec<f64>> {
     ensure!(!times.is_empty(), "there is no row");
     Ok(times)
 }
+
+/// How far apart times are that are the same but for rounding: what adds up from the first time on, and the
+/// digits of a time that is large itself, such as one since 1970.
+pub(crate) fn rounding(time: f64, first: f64) -> f64 {
+    1e-9 * (time - first).abs() + 8.0 * f64::EPSILON * time.abs()
+}
