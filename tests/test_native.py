@@ -442,7 +442,13 @@ def test_discrete_inputs_of_fmi_2_follow_a_table(tmp_path):
 
 @pytest.mark.parametrize(
     ("start", "stop", "step", "steps"),
-    [(0.001, 0.02, 0.001, 20), (0, 1, 1 / 1024, 1025), (-0.5, 0.4, 0.3, 4), (2, 2, 0.1, 1)],
+    [
+        (0.001, 0.02, 0.001, 20),
+        (0, 1, 1 / 1024, 1025),
+        (-0.5, 0.4, 0.3, 4),
+        (2, 2, 0.1, 1),
+        (0.3, 0.6, 0.1, 4),
+    ],
 )
 def test_options_set_the_times(start, stop, step, steps, tmp_path):
     options = (f"--start={start}", f"--stop={stop}", f"--step={step}")

