@@ -17,6 +17,7 @@ from pathlib import Path
 
 import fmpy
 import numpy as np
+import pyarrow.csv
 import pyarrow.parquet
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -215,8 +216,10 @@ def test_one_fmu_gives_the_bits_of_simulate_fmu(tmp_path):
     """Its inputs come from a table, its step from its default experiment."""
     fmu, file = FMUS / "Pid.fmu", tmp_path / "input.csv"
     file.write_text(TABLE)
-    options = ("--input", file, "--stop=1", "--set=pid.kp=10", "--output=u", "--output=e")
-    columns = simulate(fmu, tmp_path, *options)
+    columnar = tmp_path / "input.parquet"
+    pyarrow.parquet.write_table(pyarrow.csv.read_csv(file), columnar, compression="none")
+    options = ("--stop=1", "--set=pid.kp=10", "--output=u", "--output=e")
+    columns, again = (simulate(fmu, tmp_path, "--input", f, *options) for f in (file, columnar))
     rows = [tuple(map(float, line.split(","))) for line in TABLE.splitlines()[1:]]
     signals = np.array(rows, dtype=[(name, float) for name in ("time", "r", "y")])
     expected = fmpy.simulate_fmu(
@@ -226,6 +229,7 @@ def test_one_fmu_gives_the_bits_of_simulate_fmu(tmp_path):
     assert list(columns) == ["time", "u", "e"]
     for name in ("u", "e"):
         same(columns[name], expected[name])
+        same(again[name], expected[name])
 
 
 # --- model exchange -------------------------------------------------------------------------------

@@ -51,7 +51,7 @@ pub struct Description {
     /// Variables to record, `component.variable`; by default all outputs except Strings.
     #[serde(default)]
     pub outputs: Vec<String>,
-    /// A CSV file with values of inputs over time, relative to the folder of the system file.
+    /// A CSV or Parquet file with values of inputs over time, relative to the folder of the system file.
     pub input: Option<PathBuf>,
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
@@ -310,7 +310,7 @@ pub struct Changes {
     /// Variable to record; may be repeated
     #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
     pub outputs: Vec<String>,
-    /// CSV file with values of inputs: a column time in s, and one for each input
+    /// CSV or Parquet file with values of inputs: a column time in s, and one for each input
     #[arg(long, value_name = "FILE")]
     pub input: Option<PathBuf>,
     /// Folder of the FMUs

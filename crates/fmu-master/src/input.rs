@@ -1,7 +1,6 @@
-//! Values of inputs over time, from a CSV file.
+//! Values of inputs over time, from a table.
 
 use std::collections::{BTreeMap, HashSet};
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -9,7 +8,7 @@ use fmu_description::{Causality, Type, Value, Variability};
 
 use crate::component::initial;
 use crate::plan::{Link, Planned, Port, port};
-use crate::table::{self, Column};
+use crate::table::{self, Column, Series};
 use crate::wiring::{Ports, Store, Wired, number};
 use crate::{Fmu, Place, plan};
 
@@ -31,31 +30,21 @@ struct Fed {
 }
 
 impl Input {
-    /// Reads a file: a column `time` in s, and a column for each input, with or without a unit in brackets.
+    /// Reads a table: a column `time` in s, and a column for each input, with or without a unit in brackets.
     ///
     /// # Errors
     /// The file cannot be read, a column is not an input that is free, or a row is invalid.
     pub(crate) fn read(file: &Path, components: &[Planned], links: &[Link]) -> Result<Self> {
-        let name = file.display();
-        let text = fs::read_to_string(file).with_context(|| format!("cannot read {name}"))?;
-        Self::parse(&text, components, links).with_context(|| name.to_string())
+        let table = table::read_texts(file);
+        let table = table.with_context(|| format!("cannot read {}", file.display()))?;
+        Self::new(&table, components, links).with_context(|| file.display().to_string())
     }
 
-    fn parse(text: &str, components: &[Planned], links: &[Link]) -> Result<Self> {
-        let text = text.replace("\r\n", "\n");
-        let (header, mut rest) = table::fields(&text).context("line 1, expected names in CSV")?;
-        let titles = header.iter().map(|title| {
-            let title = title.as_deref().unwrap_or_default().trim();
-            title.split_once(" [").map_or(title, |(name, _)| name)
-        });
-        let mut names = titles.clone();
-        let first = names.next().unwrap_or_default();
-        ensure!(first == "time", "the first column is {first:?}, expected time");
-
+    fn new(table: &[Series], components: &[Planned], links: &[Link]) -> Result<Self> {
+        let times = table::times(table)?;
         let mut taken: HashSet<Port> = links.iter().map(|link| link.to).collect();
-        let mut inputs = Self { times: Vec::new(), columns: Vec::new() };
-        let mut columns = vec![Column::new("time", "s", Type::Float64)];
-        for name in names {
+        let columns = table[1..].iter().map(|series| {
+            let name = &series.name;
             let port = port(components, name)?;
             let fmu = &components[port.component].fmu;
             let variable = port.of(components);
@@ -67,37 +56,13 @@ impl Input {
             ensure!(taken.insert(port), "{name} is connected, or has two columns");
             let is_continuous = variable.variability == Variability::Continuous;
             let kind = variable.of_type;
-            columns.push(Column::new(name, "", kind));
-            inputs.columns.push(Fed {
+            Ok(Fed {
                 port,
                 interpolated: (is_continuous && kind.is_float()).then_some(kind),
-                values: Vec::new(),
-            });
-        }
-        let mut line = 1;
-        while !rest.is_empty() {
-            line += 1;
-            let cells;
-            (cells, rest) = table::parse(&columns, rest).with_context(|| format!("line {line}"))?;
-            let mut cells = cells.into_iter().flatten();
-            let time = cells.next().as_ref().map_or(f64::NAN, number);
-            let last = inputs.times.last().copied().unwrap_or(f64::MIN);
-            ensure!(
-                time.is_finite() && time >= last,
-                "line {line}: time = {time:?}, expected a finite time that is not before {last:?}"
-            );
-            inputs.times.push(time);
-            for (column, value) in inputs.columns.iter_mut().zip(cells) {
-                ensure!(
-                    value.as_real().is_none_or(f64::is_finite),
-                    "line {line}: {} = {value}, expected a finite number",
-                    column.port.name(components)
-                );
-                column.values.push(value);
-            }
-        }
-        ensure!(!inputs.times.is_empty(), "it has no rows, expected at least one");
-        Ok(inputs)
+                values: values(series, kind)?,
+            })
+        });
+        Ok(Self { columns: columns.collect::<Result<_>>()?, times })
     }
 
     /// The inputs, in the order of the columns.
@@ -141,6 +106,27 @@ impl Input {
         let is_between = next > 0 && next < times.len() && times[next - 1] < times[next];
         (after.saturating_sub(1), is_between.then_some(next))
     }
+}
+
+/// The values of a column in the type of an input.
+fn values(series: &Series, kind: Type) -> Result<Vec<Value>> {
+    let column = Column::new(&series.name, "", kind);
+    let cells = series.cells.iter().zip(1..).map(|(cell, row)| {
+        let text = cell.as_ref().map(|value| match value.as_real() {
+            Some(real) => format!("{real:?}"), // of a Float32, too, all digits
+            None => value.to_string(),
+        });
+        let value = column.parse(text.as_deref()).with_context(|| format!("row {row}"))?;
+        match value {
+            Some(value) if value.as_real().is_none_or(f64::is_finite) => Ok(value),
+            _ => bail!(
+                "row {row}: {} is {}, expected a finite number",
+                series.name,
+                text.unwrap_or_default()
+            ),
+        }
+    });
+    cells.collect()
 }
 
 /// An input, or elements of one that is an array, with the values of all elements.

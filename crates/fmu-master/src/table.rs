@@ -8,7 +8,6 @@
 //!   optional if a value may be missing.
 
 mod compare;
-#[cfg(feature = "parquet")]
 mod parquet;
 mod read;
 
@@ -18,13 +17,12 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Type, Value};
-#[cfg(feature = "parquet")]
 use fmu_file::replace::Replacement;
 use serde::{Deserialize, Serialize};
 
 pub use compare::{Difference, Tolerance, compare};
-pub(crate) use read::rounding;
 pub use read::{Series, read, times};
+pub(crate) use read::{read_texts, rounding};
 
 /// A column of a table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,9 +61,9 @@ impl Column {
     }
 
     /// Reads a field.
-    fn parse(&self, field: Option<&str>) -> Result<Cell> {
+    pub(crate) fn parse(&self, field: Option<&str>) -> Result<Cell> {
         let value = field.and_then(|text| match self.kind {
-            kind if kind.is_float() => Value::real(kind, text.parse().ok()?),
+            kind if kind.is_float() => Value::real(kind, text.trim().parse().ok()?),
             kind => Value::parse(kind, text),
         });
         if value.is_none() && !(field.is_none() && self.optional) {
@@ -187,28 +185,21 @@ impl Format {
 ///
 /// # Errors
 /// The file cannot be written, or a row is an error.
-#[cfg_attr(not(feature = "parquet"), allow(unused_variables))]
 pub fn write_parquet(
     file: &Path,
     columns: &[Column],
     rows: impl Iterator<Item = Result<Vec<Cell>>>,
 ) -> Result<()> {
-    #[cfg(feature = "parquet")]
-    {
-        let mut output = Replacement::of(file)?;
-        let cannot = || format!("cannot write {}", file.display());
-        parquet::write(&mut output, columns, rows).with_context(cannot)?;
-        output.finish()
-    }
-    #[cfg(not(feature = "parquet"))]
-    bail!("{}: this program does not write Parquet", file.display())
+    let mut output = Replacement::of(file)?;
+    let cannot = || format!("cannot write {}", file.display());
+    parquet::write(&mut output, columns, rows).with_context(cannot)?;
+    output.finish()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[cfg(feature = "parquet")]
     #[test]
     fn parquet_reads_back_with_types_and_missing_values() {
         let values = [

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
 
 use super::{Cell, Format, fields};
@@ -22,6 +22,7 @@ pub struct Series {
 impl Series {
     /// A column without rows; its title is a name, or a name and a unit, `controller.u [N]`.
     pub(super) fn titled(title: &str) -> Self {
+        let title = title.trim();
         let parts = title.strip_suffix(']').and_then(|title| title.rsplit_once(" ["));
         let (name, unit) = parts.unwrap_or((title, ""));
         Self { name: name.into(), unit: unit.into(), cells: Vec::new() }
@@ -41,16 +42,25 @@ impl Series {
 /// # Errors
 /// The file cannot be read, or is no table; the error does not name the file.
 pub fn read(file: &Path) -> Result<Vec<Series>> {
+    read_as(file, |_, field| value(field))
+}
+
+/// Reads a table as [`read`] does, but keeps the fields of CSV as texts, except for the times.
+pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
+    read_as(file, |series, field| match &*series.name {
+        "time" => value(field),
+        _ => Value::String(field.to_owned()),
+    })
+}
+
+fn read_as(file: &Path, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
     match Format::of(file) {
-        #[cfg(feature = "parquet")]
         Some(Format::Parquet) => super::parquet::read(file),
-        #[cfg(not(feature = "parquet"))]
-        Some(Format::Parquet) => bail!("this program does not read Parquet"),
-        _ => csv(&fs::read_to_string(file)?),
+        _ => csv(&fs::read_to_string(file)?, value),
     }
 }
 
-pub(super) fn csv(text: &str) -> Result<Vec<Series>> {
+pub(super) fn csv(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
     // Other programs begin with a mark, and end lines with two characters.
     let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
     let (titles, mut rest) = fields(&text).context("line 1, expected names in CSV")?;
@@ -65,15 +75,17 @@ pub(super) fn csv(text: &str) -> Result<Vec<Series>> {
         let (found, expected) = (row.len(), table.len());
         ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
         for (series, field) in table.iter_mut().zip(row) {
-            series.cells.push(field.as_deref().map(value));
+            let cell = field.map(|field| value(series, &field));
+            series.cells.push(cell);
         }
     }
     Ok(table)
 }
 
 /// The value that a field looks like.
-fn value(field: &str) -> Value {
-    match (field, field.parse(), field.trim().parse()) {
+pub(super) fn value(field: &str) -> Value {
+    let trimmed = field.trim();
+    match (trimmed, trimmed.parse(), trimmed.parse()) {
         ("true", ..) => Value::Boolean(true),
         ("false", ..) => Value::Boolean(false),
         (_, Ok(number), _) => Value::Int64(number),
@@ -87,9 +99,8 @@ fn value(field: &str) -> Value {
 /// # Errors
 /// There is none, or one is not a finite number or is before another.
 pub fn times(table: &[Series]) -> Result<Vec<f64>> {
-    let Some(series) = table.first().filter(|series| series.name == "time") else {
-        bail!("the first column is not time");
-    };
+    let series = table.first().context("there is no column, expected time")?;
+    ensure!(series.name == "time", "the first column is {:?}, expected time", series.name);
     let mut times = Vec::with_capacity(series.cells.len());
     for row in 0..series.cells.len() {
         let time = series.number(row).filter(|time| time.is_finite());
@@ -98,7 +109,7 @@ pub fn times(table: &[Series]) -> Result<Vec<f64>> {
         ensure!(time >= before, "time {time:?} comes after {before:?}, expected rows in order");
         times.push(time);
     }
-    ensure!(!times.is_empty(), "there is no row");
+    ensure!(!times.is_empty(), "there is no row, expected at least one");
     Ok(times)
 }
 
