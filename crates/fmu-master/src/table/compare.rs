@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
 
+use super::read::number;
 use super::{Cell, Series, rounding, times};
 
 /// How far numbers may be apart: `absolute + relative * LARGEST`, with the largest magnitude of the variable
@@ -81,7 +82,8 @@ pub fn compare(
         let numbers = (0..of_a.len()).filter_map(|row| series.number(row));
         let largest = numbers.filter(|number| number.is_finite()).map(f64::abs).fold(0.0, f64::max);
         let tolerance = tolerance.absolute + tolerance.relative * largest;
-        let is_held = holds(name) || (is_whole(series) && is_whole(other));
+        let are_booleans = [series, other].iter().any(|s| s.cells.iter().any(is_boolean));
+        let is_held = holds(name) || are_booleans || (is_whole(series) && is_whole(other));
         let mut rows = of_a.iter().enumerate();
         differences.extend(rows.find_map(|(row, &time)| {
             // Of several rows at one time, the last has the values after an event.
@@ -119,14 +121,16 @@ fn value(series: &Series, times: &[f64], time: f64, same: f64, is_held: bool) ->
 }
 
 fn is_equal(a: &Cell, b: &Cell, tolerance: f64) -> bool {
-    let number = |cell: &Cell| {
-        let value = cell.as_ref()?;
-        value.as_real().or_else(|| value.as_whole().map(|number| number as f64))
-    };
+    // Other programs write Booleans as numbers.
+    let tolerance = if is_boolean(a) || is_boolean(b) { 0.0 } else { tolerance };
     match (number(a), number(b)) {
         (Some(a), Some(b)) => a == b || (a - b).abs() <= tolerance || (a.is_nan() && b.is_nan()),
         _ => a == b,
     }
+}
+
+fn is_boolean(cell: &Cell) -> bool {
+    matches!(cell, Some(Value::Boolean(_)))
 }
 
 #[cfg(test)]

@@ -30,10 +30,15 @@ impl Series {
 
     /// The value of a row as a number, true as 1; `None` if it is missing or a text.
     pub fn number(&self, row: usize) -> Option<f64> {
-        match self.cells.get(row)?.as_ref()? {
-            Value::Boolean(value) => Some(f64::from(*value)),
-            value => value.as_real().or_else(|| value.as_whole().map(|number| number as f64)),
-        }
+        number(self.cells.get(row)?)
+    }
+}
+
+/// A value as a number, true as 1; `None` if it is missing or a text.
+pub(super) fn number(cell: &Cell) -> Option<f64> {
+    match cell.as_ref()? {
+        Value::Boolean(value) => Some(f64::from(*value)),
+        value => value.as_real().or_else(|| value.as_whole().map(|number| number as f64)),
     }
 }
 
