@@ -17,6 +17,8 @@ from native import printed, run
 from pendulum_fmus.project import PROGRAM
 from sweeps import SHORT, done, expected, journal_of, local, wait_until
 
+SIGNALS = '[signals]\nreference = "c.r"\noutput = "c.y"\nerror = "c.e"\ncontrol = "c.u"'
+
 
 def start(sweep: Path, out: Path, *given: object) -> subprocess.Popen[str]:
     """Start a sweep, in its own process group as in a terminal."""
@@ -115,6 +117,53 @@ sys.exit(sweep.main())
     assert done.stderr == b"error: interrupted; run the same command to resume\n"
 
 
+STRUCTURE = """
+<s:SystemStructureDescription version="1.0" name="a" xmlns:s="http://ssp-standard.org/SSP1/SystemStructureDescription">
+<s:System name="a"><s:Elements><s:Component name="c" source="data/Pid.fmu"/></s:Elements>
+<s:ParameterBindings><s:ParameterBinding source="data/y.ssv"/></s:ParameterBindings></s:System>
+</s:SystemStructureDescription>
+"""
+
+PARAMETERS = """
+<v:ParameterSet version="1.0" name="y" xmlns:v="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
+<v:Parameters><v:Parameter name="c.y"><v:Real value="1"/></v:Parameter></v:Parameters>
+</v:ParameterSet>
+"""
+
+SYSTEM = """
+stop = 1.0
+step = 0.1
+input = "data/y.csv"
+component = [{ name = "c", fmu = "data/Pid.fmu" }]
+"""
+
+
+@pytest.mark.parametrize(
+    ("system", "text", "file", "values"),
+    [
+        ("system.toml", SYSTEM, "y.csv", "time,c.y\n0,0\n1,1\n"),
+        ("system.ssd", STRUCTURE, "y.ssv", PARAMETERS),
+    ],
+)
+def test_all_files_of_a_system_reach_the_workers_and_belong_to_the_sweep(
+    program, tmp_path, system, text, file, values
+):
+    data, out = tmp_path / "data", tmp_path / "out.csv"
+    data.mkdir()
+    (data / "Pid.fmu").symlink_to(sweeps.ROOT / "target/fmu/Pid.fmu")
+    (data / file).write_text(values)
+    (tmp_path / system).write_text(text)
+    text = '[[parameter]]\nvariable = "c.pid.kp"\nvalues = [200, 300]'
+    sweep = sweeps.written(tmp_path, text, signals=SIGNALS)
+    sweep.write_text(sweep.read_text().replace(f"{sweeps.LOOPS}/pid-rbf.toml", system))
+    distributed(sweep, out)
+    assert out.read_bytes() == expected(sweep)
+    row = printed("sweep", sweep, "--rows", "0..1")
+    run("sweep", sweep, "--out", out, "--collect", input=row)
+    (data / file).write_text(values.replace("1\n", "2\n").replace('"1"', '"2"'))
+    assert "belongs to another sweep" in local(sweep, out).stderr
+
+
 @contextlib.contextmanager
 def dask(folder: Path, *words: str) -> Iterator[subprocess.Popen]:
     """Run the command line of Dask in a folder without anything of this project."""
@@ -175,7 +224,7 @@ def test_a_sweep_that_cannot_run_is_refused(sweep, tmp_path, monkeypatch):
         (sweep, ["--program", tmp_path / "nothing"], "`make fmus` builds it"),
         (sweep, ["--scheduler", unused], f"trying to connect to {unused}"),
         (sweep, ["--program", failing], "no licence"),
-        (twice, [], "/b/Own.fmu are different FMUs; give them different names"),
+        (twice, [], "/b/Own.fmu are different files; give them different names"),
     ):
         process = start(file, tmp_path / "out.csv", *options)
         _, said = process.communicate()

@@ -38,6 +38,9 @@ pub struct SweepArgs {
     /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
+    /// CSV or Parquet file with values of inputs, instead of that of the system
+    #[arg(long, value_name = "FILE")]
+    input: Option<PathBuf>,
     /// Print the rows of these runs (from 0, END excluded); used by the workers of a distributed
     /// sweep
     #[arg(long, value_name = "FIRST..END", conflicts_with_all = ["out", "file"], value_parser = runs)]
@@ -65,8 +68,8 @@ fn runs(text: &str) -> Result<Range<u64>> {
 /// A file is invalid or cannot be written, or an FMU rejects a start value.
 pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
     let sandbox = args.limited.sandbox();
-    let (system, fmus) = (args.system.as_deref(), args.fmus.as_deref());
-    let open = || Study::open(&args.sweep, system, fmus, sandbox);
+    let [system, fmus, input] = [&args.system, &args.fmus, &args.input].map(|path| path.as_deref());
+    let open = || Study::open(&args.sweep, system, fmus, input, sandbox);
     if let Some(mut service) = Service::of_this_process()? {
         open()?.work(&mut service)?;
         return Ok(ExitCode::SUCCESS);

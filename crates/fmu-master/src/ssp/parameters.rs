@@ -44,7 +44,7 @@ impl System<'_> {
 
     /// The parameter set of a binding, or the mapping: in a file, or inline.
     fn part<'b>(
-        &self,
+        &mut self,
         holder: &'b Element<'_>,
         inline: Option<&'b Element<'_>>,
         name: &str,
@@ -59,7 +59,7 @@ impl System<'_> {
         ensure!(base == "SSD", "the sourceBase {base:?} is not supported, expected SSD");
         match holder.attribute("source") {
             Some(source) => {
-                *text = self.files().text(source)?;
+                *text = self.text(source)?;
                 document(text, name).with_context(|| source.to_owned())
             }
             None => {

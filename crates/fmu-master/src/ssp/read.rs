@@ -22,7 +22,9 @@ pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
 pub struct Source {
     /// What was left out, such as parameters without a variable.
     pub warnings: Vec<String>,
-    /// The files, until the FMUs are loaded.
+    /// The files outside of packages that it refers to.
+    pub(crate) files: Vec<PathBuf>,
+    /// The packages and structures, until the FMUs are loaded.
     opened: Vec<Files>,
 }
 
@@ -99,7 +101,11 @@ fn describe(opened: &mut Vec<Files>) -> Result<Description> {
         order: Order::Parallel,
         components: system.components,
         connections,
-        package: Some(Arc::new(Source { warnings: system.warnings, opened: Vec::new() })),
+        package: Some(Arc::new(Source {
+            warnings: system.warnings,
+            files: system.sources,
+            opened: Vec::new(),
+        })),
         ..Description::default()
     })
 }
@@ -158,7 +164,8 @@ impl Files {
         Ok(Self { file: file.to_owned(), folder, unpacked: Some(unpacked) })
     }
 
-    fn is_package(&self) -> bool {
+    /// Whether its files are in a package.
+    pub fn is_package(&self) -> bool {
         self.unpacked.is_some()
     }
 
@@ -187,14 +194,6 @@ impl Files {
             archive::relative(&path).map_err(Error::msg)?;
         }
         Ok(self.folder.join(path))
-    }
-
-    /// The text of the XML file at a URI.
-    ///
-    /// # Errors
-    /// It cannot be read.
-    pub fn text(&self, uri: &str) -> Result<String> {
-        archive::read_xml(&self.path(uri)?).with_context(|| uri.to_owned())
     }
 }
 

@@ -1,9 +1,11 @@
 //! The components and connections of nested systems, on one level.
 
 use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::Element;
+use fmu_file::archive;
 
 use super::read::{self, Files};
 use super::vocabulary::{self, COMPONENT, SYSTEM};
@@ -58,6 +60,8 @@ pub struct System<'a> {
     /// What feeds each connector.
     pub links: BTreeMap<Port, Link>,
     pub warnings: Vec<String>,
+    /// The files outside of packages.
+    pub sources: Vec<PathBuf>,
     connectors: HashMap<Port, Connector>,
 }
 
@@ -72,6 +76,7 @@ impl<'a> System<'a> {
             elements: HashMap::new(),
             links: BTreeMap::new(),
             warnings: Vec::new(),
+            sources: Vec::new(),
             connectors: HashMap::new(),
         }
     }
@@ -100,7 +105,7 @@ impl<'a> System<'a> {
     fn file(&mut self, source: &str, path: &str) -> Result<()> {
         const MOST: usize = 100;
         ensure!(self.opened.len() <= MOST, "there are more than {MOST} packages in packages");
-        let opened = Files::open(&self.files().path(source)?).with_context(|| source.to_owned())?;
+        let opened = Files::open(&self.path(source)?).with_context(|| source.to_owned())?;
         let text = opened.structure();
         self.opened.push(opened);
         let current = std::mem::replace(&mut self.current, self.opened.len() - 1);
@@ -117,9 +122,19 @@ impl<'a> System<'a> {
         Ok(())
     }
 
-    /// The package or structure that is being read.
-    pub fn files(&self) -> &Files {
-        &self.opened[self.current]
+    /// The path of the file at a URI, in the package or structure that is being read.
+    fn path(&mut self, uri: &str) -> Result<PathBuf> {
+        let files = &self.opened[self.current];
+        let path = files.path(uri)?;
+        if !files.is_package() && path.exists() {
+            self.sources.push(path.clone());
+        }
+        Ok(path)
+    }
+
+    /// The text of the XML file at a URI.
+    pub fn text(&mut self, uri: &str) -> Result<String> {
+        archive::read_xml(&self.path(uri)?).with_context(|| uri.to_owned())
     }
 
     fn add_parts(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
@@ -142,7 +157,7 @@ impl<'a> System<'a> {
     }
 
     fn component(&mut self, element: &Element<'_>, path: &str) -> Result<usize> {
-        let read = || {
+        let mut read = || {
             let of_type = element.attribute("type").unwrap_or(vocabulary::FMU_TYPE);
             ensure!(
                 of_type == vocabulary::FMU_TYPE,
@@ -155,7 +170,7 @@ impl<'a> System<'a> {
                 "ModelExchange" => Some(Interface::ModelExchange),
                 other => bail!("the implementation {other:?} is not supported"),
             };
-            Ok((self.files().path(element.attribute("source").unwrap_or_default())?, interface))
+            Ok((self.path(element.attribute("source").unwrap_or_default())?, interface))
         };
         let read: Result<_> = read();
         let (fmu, interface) =

@@ -5,6 +5,7 @@ use std::fs;
 use std::io::BufRead;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Result, anyhow, bail};
 use fmu_description::hash::checksum;
@@ -19,7 +20,8 @@ use super::pool::{Outcome, Pool, Workers};
 use crate::failure::Crash;
 use crate::table::{self, Cell, Column};
 use crate::{
-    Description, Failure, Messages, Order, Place, Plan, Sandbox, Simulation, Start, Written, locate,
+    Description, Failure, Messages, Order, Place, Plan, Sandbox, Simulation, Start, Written,
+    locate, ssp,
 };
 
 /// The contents of a sweep file.
@@ -66,8 +68,11 @@ pub struct Study {
     /// The sweep file.
     sweep: PathBuf,
     plan: Plan,
-    /// The files that it depends on: the system, then the FMUs.
-    files: Vec<PathBuf>,
+    /// The files that it depends on, and their places for a worker elsewhere.
+    files: Vec<(PathBuf, PathBuf)>,
+    input: Option<PathBuf>,
+    /// Unpacked packages, from which a worker elsewhere gets the FMUs.
+    _package: Option<Arc<ssp::Source>>,
     parameters: Parameters,
     /// The index of the run, its parameters and metrics, and why it failed.
     columns: Vec<Column>,
@@ -83,10 +88,13 @@ pub struct Study {
 pub struct Outline<'a> {
     /// Number of runs.
     pub runs: u64,
-    /// The system file.
+    /// The place of the system.
     pub system: &'a Path,
-    /// Its FMUs.
-    pub fmus: &'a [PathBuf],
+    /// The place of its table of inputs.
+    pub input: Option<&'a Path>,
+    /// The files that a worker needs: their places in its folder, in which it also looks for the FMUs by their
+    /// names, and where they are.
+    pub files: &'a [(PathBuf, PathBuf)],
 }
 
 /// Progress of [`Study::write`].
@@ -158,8 +166,8 @@ struct Done {
 }
 
 impl Study {
-    /// Reads a sweep file and loads the FMUs of its system. `system` and `fmus` override the system
-    /// file and the folder of its FMUs.
+    /// Reads a sweep file and loads the FMUs of its system. `system`, `fmus` and `input` override the system
+    /// file, the folder of its FMUs and its table of inputs.
     ///
     /// # Errors
     /// A file cannot be read, or its contents do not fit.
@@ -167,6 +175,7 @@ impl Study {
         sweep: &Path,
         system: Option<&Path>,
         fmus: Option<&Path>,
+        input: Option<&Path>,
         sandbox: Sandbox,
     ) -> Result<Self> {
         let text = fs::read_to_string(sweep)
@@ -176,7 +185,7 @@ impl Study {
             let hint = if is_system { "it is a system, expected `cargo fmu simulate`" } else { "" };
             anyhow!("{}: {error}{hint}", sweep.display())
         })?;
-        Self::load(sweep, &text, file, system, fmus, sandbox)
+        Self::load(sweep, &text, file, system, fmus, input, sandbox)
             .map_err(|error| locate(error, sweep, &text))
     }
 
@@ -186,6 +195,7 @@ impl Study {
         file: File,
         system: Option<&Path>,
         fmus: Option<&Path>,
+        input: Option<&Path>,
         sandbox: Sandbox,
     ) -> Result<Self> {
         let beside = || sweep.with_file_name("").join(&file.system);
@@ -194,6 +204,7 @@ impl Study {
         if let Some(folder) = fmus {
             description.take_fmus_from(folder);
         }
+        description.input = input.map(Path::to_owned).or(description.input);
         description.sandbox = sandbox;
         description.start = file.start.unwrap_or(description.start);
         description.stop = file.stop.unwrap_or(description.stop);
@@ -204,9 +215,8 @@ impl Study {
         let mut seen = HashSet::new();
         let outputs = signals.iter().filter(|name| seen.insert(**name));
         description.outputs = outputs.map(|name| name.to_string()).collect();
-        let fmus = description.components.iter().map(|c| c.fmu.clone());
-        let files = Vec::from_iter([system].into_iter().chain(fmus));
-        let fingerprint = fingerprint(text, &files)?;
+        let files = files(&system, &description);
+        let fingerprint = fingerprint(text, files.iter().map(|(_, file)| &**file))?;
         let plan = Plan::new(&description)?;
         let parameters = Parameters::new(file.seed, file.draws, file.parameter)?;
         for column in &plan.columns {
@@ -232,6 +242,8 @@ impl Study {
             sweep: sweep.to_owned(),
             plan,
             files,
+            input: description.input.as_deref().map(name),
+            _package: description.package,
             parameters,
             fingerprint,
         };
@@ -477,7 +489,8 @@ impl Study {
     ) -> Result<bool> {
         self.try_corners(&mut self.pool(workers))?;
         let runs = self.parameters.runs;
-        let outline = Outline { runs, system: &self.files[0], fmus: &self.files[1..] };
+        let (system, input, files) = (&self.files[0].0, self.input.as_deref(), &*self.files);
+        let outline = Outline { runs, system, input, files };
         let mut journal = self.journal(file)?;
         begin(&outline, &journal.missing())?;
         let mut line = String::new();
@@ -506,8 +519,26 @@ fn written(value: &Value) -> Written {
     }
 }
 
-/// A digest of everything that the rows depend on: the sweep, the system and the FMUs.
-fn fingerprint(sweep: &str, files: &[PathBuf]) -> Result<String> {
+/// The name of a file.
+fn name(file: &Path) -> PathBuf {
+    file.file_name().unwrap_or_default().into()
+}
+
+/// All files that a system reads, its own first. Their places in a single folder are their names, except that
+/// structures of SSP refer to other files by their paths.
+fn files(system: &Path, description: &Description) -> Vec<(PathBuf, PathBuf)> {
+    let folder = system.parent().unwrap_or(Path::new(""));
+    let parts = description.package.iter().flat_map(|package| &package.files);
+    let parts = parts.map(|file| (file.strip_prefix(folder).unwrap_or(file).into(), file));
+    let fmus = description.components.iter().map(|component| &component.fmu);
+    let named = fmus.chain(&description.input).map(|file| (name(file), file));
+    let own = Path::new("system").with_extension(system.extension().unwrap_or_default());
+    let others = named.chain(parts).map(|(place, file)| (place, file.clone()));
+    [(own, system.to_owned())].into_iter().chain(others).collect()
+}
+
+/// A digest of everything that the rows depend on: the sweep, and the files of the system.
+fn fingerprint<'a>(sweep: &str, files: impl Iterator<Item = &'a Path>) -> Result<String> {
     let mut content = checksum(sweep.as_bytes()).to_le_bytes().to_vec();
     for file in files {
         let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;

@@ -26,17 +26,15 @@ LONGEST = 1000
 """Maximum number of runs in a task, which are repeated if its worker is killed."""
 
 
-def files_of(program: Path, sweep: Path, system: str, fmus: list[str]) -> dict[str, bytes]:
-    """Return what a worker needs, by the names in its folder."""
-    files = {
-        program.name: program,
-        "sweep.toml": sweep,
-        f"system{Path(system).suffix}": Path(system),
-    }
-    for fmu in map(Path, fmus):
-        other = files.setdefault(fmu.name, fmu)
-        if other.read_bytes() != fmu.read_bytes():
-            raise OSError(f"{other} and {fmu} are different FMUs; give them different names")
+def files_of(program: Path, sweep: Path, others: list[tuple[str, str]]) -> dict[str, bytes]:
+    """Return what a worker needs, by the paths in its folder."""
+    files = {program.name: program, "sweep.toml": sweep}
+    for place, file in others:
+        if ".." in Path(place).parts:
+            raise OSError(f"{file} is outside of the folder of the system, expected it inside")
+        other = files.setdefault(place, Path(file))
+        if other.read_bytes() != Path(file).read_bytes():
+            raise OSError(f"{other} and {file} are different files; give them different names")
     return {name: file.read_bytes() for name, file in files.items()}
 
 
@@ -45,12 +43,11 @@ def rows(files: dict[str, bytes], program: list[str], first: int, end: int) -> b
     # Dask removes what a killed worker leaves in this folder.
     with tempfile.TemporaryDirectory(dir=get_worker().local_directory) as folder:
         for name, content in files.items():
+            Path(folder, name).parent.mkdir(parents=True, exist_ok=True)
             Path(folder, name).write_bytes(content)
             Path(folder, name).chmod(0o700)
-        (system,) = (name for name in files if name.startswith("system."))
-        options = f"sweep sweep.toml --system {system} --fmus . --threads 1".split()
         words = [word or sys.executable for word in program]
-        words += [*options, f"--rows={first}..{end}"]
+        words += [f"--rows={first}..{end}"]
         env = {**os.environ, "TMPDIR": folder}
         done = subprocess.run(words, cwd=folder, env=env, capture_output=True, check=False)
     if done.returncode:
@@ -97,12 +94,14 @@ def distribute(
     """
     collect = COMMAND if program is None else [str(program)]
     local = [f"./{program.name}"] if program else ["", *command(Path("."))[1:]]
+    local += ["sweep", "sweep.toml", "--fmus=.", "--threads=1"]
     collect = [*collect, "sweep", *arguments, "--collect"]
     with Popen(collect, stdin=PIPE, stdout=PIPE, stderr=errors) as collector:
         if outline := collector.stdout.readline():
             plan, missing = json.loads(outline)
             sent = program or MODULE
-            files = files_of(sent, Path(arguments[0]), plan["system"], plan["fmus"])
+            files = files_of(sent, Path(arguments[0]), plan["files"])
+            local += [f"--{key}={plan[key]}" for key in ("system", "input") if plan[key]]
             with (
                 dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}),
                 connect() as client,
