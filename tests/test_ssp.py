@@ -307,6 +307,18 @@ def test_a_package_gives_the_bits_of_its_system(name, packages, tmp_path):
         np.testing.assert_array_equal(found[column], values)
 
 
+def test_a_component_by_model_exchange_stays_one(fmus, tmp_path):
+    fmu = f'name = "p", fmu = "{fmus}/Pendulum.fmu", start = {{ theta0 = 0.1 }}'
+    system = tmp_path / "falls.toml"
+    system.write_text(
+        'stop = 0.5\nstep = 0.1\norder = "parallel"\n'
+        f'component = [{{ interface = "model-exchange", {fmu} }}]'
+    )
+    assert run("ssp", system, "--out", tmp_path).returncode == 0
+    expected, found = (simulate(system.with_suffix(end), tmp_path) for end in (".toml", ".ssp"))
+    np.testing.assert_array_equal(found["p.theta"], expected["p.theta"])
+
+
 NESTED, VALUES, MAPPING = (
     (ROOT / "tests" / "data" / "ssp" / name).read_text(encoding="utf-8")
     for name in ("SystemStructure.ssd", "values.ssv", "names.ssm")

@@ -59,7 +59,7 @@ impl Package {
             }
             anyhow::Ok(Self {
                 file: folder.join(format!("{name}.ssp")),
-                warnings: warnings(&plan, &names),
+                warnings: warnings(description, &plan, &names),
                 entries,
             })
         };
@@ -76,13 +76,25 @@ impl Package {
     }
 }
 
-fn warnings(plan: &Plan, identifiers: &[String]) -> Vec<String> {
+fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> Vec<String> {
     let mut warnings = Vec::new();
     if plan.order == Order::Sequential {
         warnings.push(
             "cannot state that the system steps in sequential order; most tools step in parallel"
                 .into(),
         );
+    }
+    let components = &description.components;
+    let has_tolerance =
+        description.tolerance.is_some() || components.iter().any(|c| c.tolerance.is_some());
+    for (key, is_given) in [
+        ("input", description.input.is_some()),
+        ("tolerance", has_tolerance),
+        ("sampled", components.iter().any(|c| c.sampled.is_some())),
+    ] {
+        if is_given {
+            warnings.push(format!("leaves out the key {key}, which SSP does not know"));
+        }
     }
     for link in plan.links.iter().filter(|link| !link.faults.is_empty()) {
         warnings.push(format!(

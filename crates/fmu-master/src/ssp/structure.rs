@@ -30,11 +30,15 @@ pub fn document(
     let mut terms = Terms::default();
     let components = plan.components.iter().enumerate().map(|(index, planned)| {
         let (name, place) = (&identifiers[index], &places[index]);
+        let implementation = match planned.integrates() {
+            true => "ModelExchange",
+            false => "CoSimulation",
+        };
         Element::new(vocabulary::COMPONENT)
             .with("name", name)
             .with("type", vocabulary::FMU_TYPE)
             .with("source", place)
-            .with("implementation", "CoSimulation")
+            .with("implementation", implementation)
             .listing(vocabulary::CONNECTORS, connectors(&sides[index], &planned.fmu, &mut terms))
             .holding(area(index, &sides[index]))
             .listing(vocabulary::BINDINGS, bindings(planned, &mut terms))
