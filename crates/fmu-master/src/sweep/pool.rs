@@ -57,8 +57,7 @@ enum End {
     Lost,
 }
 
-/// Longest interval between looks at the workers, and the first one after tasks were handed out, or if a worker has
-/// fewer tasks than it could do, at the end.
+/// The longest polling interval, and the shortest, used after tasks were handed out and near the end of the sweep.
 const PERIOD: Duration = Duration::from_millis(4);
 const FIRST_PERIOD: Duration = Duration::from_micros(250);
 /// The tasks of a worker are to take less than about this time.
@@ -71,6 +70,8 @@ const FAREWELL: Duration = Duration::from_secs(2);
 /// The running workers of a sweep, which get tasks of type `T` and reply once to each, and whether they cannot do more.
 pub(crate) struct Pool<'a, T> {
     setup: &'a Workers<'a>,
+    /// The number of workers, read once, as the system takes long to tell it.
+    count: usize,
     /// The components and their FMUs.
     names: Vec<(String, String)>,
     busy: Vec<Busy<T>>,
@@ -89,7 +90,7 @@ struct Busy<T> {
 
 impl<'a, T: Copy + Serialize> Pool<'a, T> {
     pub(crate) fn new(setup: &'a Workers<'a>, names: Vec<(String, String)>) -> Self {
-        Self { setup, names, busy: Vec::new() }
+        Self { setup, count: setup.count(), names, busy: Vec::new() }
     }
 
     /// Hands out this number of tasks; `keep` receives what came of each, in any order, of several tasks at once if they
@@ -112,7 +113,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                 return Ok(false);
             }
             pause = (2 * pause).min(PERIOD);
-            for index in (0..self.setup.count()).rev() {
+            for index in (0..self.count).rev() {
                 let mut next = || waiting.pop_front().or_else(|| tasks.next());
                 let Some(busy) = self.busy.get_mut(index) else {
                     if let Some(task) = next() {
@@ -141,7 +142,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     continue;
                 }
                 // Less and less at the end, so that all workers end at about the same time.
-                let share = rest / (2 * self.setup.count() as u64);
+                let share = rest / (2 * self.count as u64);
                 let ahead = busy.ahead.min(share.max(1) as usize);
                 if ahead < busy.ahead {
                     pause = FIRST_PERIOD;
