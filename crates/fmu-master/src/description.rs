@@ -48,7 +48,8 @@ pub struct Description {
     /// The seed of faults with random numbers.
     #[serde(default)]
     pub seed: u64,
-    /// Variables to record, `component.variable`; by default all outputs except Strings.
+    /// Variables to record, `component.variable`; by default all outputs except Strings
+    /// and Binaries.
     #[serde(default)]
     pub outputs: Vec<String>,
     /// A CSV or Parquet file with values of inputs over time, relative to the folder of the system file.

@@ -1,4 +1,4 @@
-//! What a run did, gathered row by row: the extremes and the RMS of each number, and what is alarming.
+//! What a run did, gathered row by row: the extremes and the RMS of each number, and alarms.
 
 use std::array::from_fn;
 use std::ops::Range;
@@ -26,7 +26,7 @@ pub struct Statistic {
 pub struct Summarized {
     /// One for each column; `None` if its values are not numbers.
     pub statistics: Vec<Option<Statistic>>,
-    /// What is alarming, as sentences.
+    /// Alarms, as sentences.
     pub alarms: Vec<String>,
 }
 
@@ -35,7 +35,8 @@ const WINDOWS: u64 = 10;
 /// In each window, an oscillation turns at least twice, and once in this many rows.
 const ROWS_PER_TURN: u64 = 50;
 /// A limit cycle may pause while the set-point changes. Unless it fills all windows, it has at least this many
-/// turns: after a jump of the set-point, a loop that is well may turn some 30 times before it settles.
+/// turns: after a jump of the set-point, a healthy loop may reverse direction some 30 times
+/// before it settles.
 const MANY_TURNS: u64 = 40;
 /// The smallest range of a window, relative to the largest; an oscillation with a smaller one decays or grows.
 const STEADY: f64 = 0.5;
@@ -272,7 +273,7 @@ impl<'a> Gathering<'a> {
             if let Some((range, rows)) = oscillation {
                 let range = with_unit(range, column);
                 oscillating
-                    .push(format!("{} by {range}, with a turn every {rows:.1} steps", column.name));
+                    .push(format!("{} by {range}, reversing every {rows:.1} steps", column.name));
             }
             if let Some(end) = self.leaves(index) {
                 leaving.push(format!("{}, which ends at {}", column.name, with_unit(end, column)));
@@ -286,7 +287,7 @@ impl<'a> Gathering<'a> {
                 "oscillating in the last tenth of the run",
                 "; a limit cycle, unless the inputs oscillate like this",
             ),
-            (leaving, "moving away ever faster", ""),
+            (leaving, "diverging", ""),
         ];
         let alarms = alarms.into_iter().filter(|(found, ..)| !found.is_empty());
         let alarms =

@@ -220,7 +220,7 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
         writeln!(out, "{line}")?;
     }
     for alarm in &finished.summarized.alarms {
-        writeln!(out, "alarming: {alarm}")?;
+        writeln!(out, "alarm: {alarm}")?;
     }
     for line in ready.notes.iter().chain(&finished.ended) {
         writeln!(out, "{line}")?;

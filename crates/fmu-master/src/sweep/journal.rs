@@ -12,10 +12,10 @@
 //! 2,1.5,0.5,,true
 //! ```
 //!
-//! The fingerprint are hexadecimal digits that differ between sweeps. The lines of the finished runs, as CSV (see
-//! [`table`]), are in any order; a run may appear twice with the same values. A last line without a line feed was
-//! torn by a kill; it is cut off when the journal is next opened. A process that writes holds an exclusive lock
-//! on the file.
+//! The fingerprint is a string of hexadecimal digits that differs between sweeps. The lines of the finished runs, as
+//! CSV (see [`table`]), are in any order; a run may appear twice with the same values. A last line without a line feed
+//! was torn by a kill; it is cut off when the journal is next opened. A process that writes holds an exclusive lock on
+//! the file.
 //!
 //! # Durability
 //!
