@@ -17,7 +17,6 @@ use super::journal::Journal;
 use super::metrics::{Metrics, Options, Sample, Summary};
 use super::parameters::{Parameter, Parameters};
 use super::pool::{Outcome, Pool, Workers};
-use crate::failure::Crash;
 use crate::table::{self, Cell, Column};
 use crate::{
     Description, Failure, Messages, Order, Place, Plan, Sandbox, Simulation, Start, Written,
@@ -325,7 +324,14 @@ impl Study {
 
     /// Simulates a run. One that an FMU ends early counts as diverged.
     fn simulate(&self, index: u64, record: &Record) -> Result<Done> {
-        let simulation = self.initialize(index, record)?;
+        let simulation = match self.initialize(index, record) {
+            Ok(simulation) => simulation,
+            // It may refuse some of the values that are drawn.
+            Err(error) => {
+                let failure = error.downcast::<Failure>()?;
+                return self.unmeasured(index, failure.time, failure.event(), failure.to_string());
+            }
+        };
         let mut metrics = Metrics::new(&self.metrics);
         let ([r, y, e, u], gathered) = (self.signals, &mut metrics);
         let ended = simulation.run(move |row| {
@@ -352,19 +358,24 @@ impl Study {
         })
     }
 
-    /// The row of a run whose process an FMU has ended, and with it the metrics until then.
-    fn crashed(&self, index: u64, crash: Crash) -> Result<Done> {
-        let time = crash.time.unwrap_or(self.plan.experiment.start);
+    /// The row of a run that an FMU has refused, or whose process it has ended, and with it the metrics until then.
+    fn unmeasured(
+        &self,
+        index: u64,
+        time: Option<f64>,
+        event: String,
+        failure: String,
+    ) -> Result<Done> {
         let summary = Summary {
             iae: f64::NAN,
             ise: f64::NAN,
             itae: f64::NAN,
             largest_u: f64::NAN,
             diverged: true,
-            diverged_at: Some(time),
+            diverged_at: Some(time.unwrap_or(self.plan.experiment.start)),
             ..Summary::default()
         };
-        Ok(Done { line: self.line(index, summary, Some(crash.event))?, failure: Some(crash.text) })
+        Ok(Done { line: self.line(index, summary, Some(event))?, failure: Some(failure) })
     }
 
     /// The row of a run as a line of CSV.
@@ -398,7 +409,9 @@ impl Study {
                         keep(&lines, runs)?;
                         bail!("{text}");
                     }
-                    Outcome::Crash(crash) => self.crashed(index, crash)?,
+                    Outcome::Crash(crash) => {
+                        self.unmeasured(index, crash.time, crash.event, crash.text)?
+                    }
                 };
                 lines += &done.line;
                 runs.push((index, done.failure));
