@@ -161,6 +161,12 @@ DROP = """([name, text]) => {
 }"""
 
 
+RENAME = """(name) => {
+    const read = readFmu;
+    readFmu = async (bytes) => Object.assign(await read(bytes), { name });
+}"""
+
+
 def test_an_fmu_of_ones_own_runs_and_a_broken_one_is_reported(page, tmp_path):
     def drop(name: str, content: bytes) -> None:
         page.evaluate(DROP, [name, base64.b64encode(content).decode()])
@@ -188,6 +194,10 @@ def test_an_fmu_of_ones_own_runs_and_a_broken_one_is_reported(page, tmp_path):
     page.locator("#file").set_input_files(WASM / "Source_fmi3.fmu")
     page.wait_for_function("document.getElementById('message').textContent.includes('Source')")
     assert page.locator("#message").inner_text().endswith("it has no input r")
+    for title, name in (("PI, tuned", "PI; tuned"), ("Pendulum", "Pendulum (yours)")):
+        page.evaluate(RENAME, title)
+        drop("Pid_fmi3.fmu", (WASM / "Pid_fmi3.fmu").read_bytes())
+        page.wait_for_function("(name) => loops.some((loop) => loop.name === name)", arg=name)
 
 
 def test_a_component_that_was_compiled_for_wasi_runs(page, tmp_path):

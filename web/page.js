@@ -343,7 +343,9 @@ async function take(file) {
     for (const [name, causality] of [["r", "input"], ["y", "input"], ["u", "output"]]) {
       if (fmu.variables[name]?.causality !== causality) throw new Error(`it has no ${causality} ${name}`);
     }
-    const name = fmu.name in LABELS ? `${fmu.name} (yours)` : fmu.name;
+    // The plant keeps its FMU, and a comma separates names in the settings.
+    const isTaken = fmu.name in LABELS || fmu.name === "Pendulum";
+    const name = (isTaken ? `${fmu.name} (yours)` : fmu.name).replaceAll(",", ";");
     fmus[name] = fmu;
     const box = element(`on-${name}`) ?? addController(name);
     box.checked = true;
