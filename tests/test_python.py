@@ -309,10 +309,11 @@ from fmu_master import Instance
 
 with Instance(sys.argv[1], in_process=sys.argv[2] == "True") as plant:
     plant.initialize()
-    steps = threading.Thread(target=lambda: [plant.step(0.001) for _ in range(1000)])
-    steps.start()
-    while steps.is_alive():
-        plant.save(), plant.get("theta")
+    calls = lambda: plant.step(0.001), plant.save, lambda: plant.get("theta")
+    for call in calls:
+        threading.Thread(target=lambda call=call: [call() for _ in range(1000)]).start()
+    while threading.active_count() > 1:
+        plant.save()
 """
 
 

@@ -216,7 +216,9 @@ impl Instance {
     }
 
     fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        for state in std::mem::take(&mut *self.forgotten()) {
+        // Others may forget states while these are freed.
+        let forgotten = std::mem::take(&mut *self.forgotten());
+        for state in forgotten {
             self.answer(py, Ask::Forget(state))?;
         }
         self.ask(py, Ask::Save)
