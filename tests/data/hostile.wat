@@ -106,6 +106,7 @@
     (import "" "arguments" (func $arguments (param i32)))
     (import "" "write" (func $write (param i32 i32 i32 i32)))
     (import "" "stderr" (func $stderr (result i32)))
+    (memory $own 0)
     (table $table 1 funcref)
     (func (export "instantiate") (param i32 i32 i32 i32 i32 i32 i32 i32 i32 i32) (result i32)
       INSTANTIATE

@@ -63,7 +63,7 @@ pub struct Instantiation<'a> {
 pub struct Limits {
     /// The time of each call.
     pub call: Option<Duration>,
-    /// The memory in bytes.
+    /// The memory in bytes, of all memories and tables together.
     pub memory: Option<usize>,
 }
 

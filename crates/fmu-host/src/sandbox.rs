@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use fmi_abi::fmi3::*;
 use fmi_abi::fmi3_functions;
-use wasmtime::{Config, Engine, Module, Store, StoreLimits, StoreLimitsBuilder, Trap};
+use wasmtime::{Config, Engine, Module, ResourceLimiter, Store, Trap};
 
 use self::abi::{Answer, Fault, Given};
 use self::cycle::{Cycle, Cycling};
@@ -59,11 +59,63 @@ struct Data {
     callbacks: usize,
     has_logger: bool,
     resources: PathBuf,
-    limits: StoreLimits,
-    /// The start of a line that the component prints.
+    memory: Memory,
+    /// The start of a line that the component prints, and its status if there is one.
     printed: Vec<u8>,
+    unended: Option<Status>,
     /// Handles that components have borrowed from each other, with their tables; `None` where a call began.
     borrowed: Vec<Option<(i32, i32)>>,
+}
+
+/// The memory that an instance may still take in bytes, with that of its tables.
+#[derive(Default)]
+struct Memory(usize);
+
+impl Memory {
+    /// Takes memory for something that grows, if its own maximum allows that.
+    fn grow(
+        &mut self,
+        (from, to, maximum): (usize, usize, Option<usize>),
+        (what, unit): (&str, usize),
+    ) -> wasmtime::Result<bool> {
+        if maximum.is_some_and(|maximum| to > maximum) {
+            return Ok(false);
+        }
+        let rest = self.0.checked_sub((to - from).saturating_mul(unit));
+        self.0 = rest.ok_or_else(|| {
+            wasmtime::Error::msg(format!("it exceeds its memory limit by growing {what}"))
+        })?;
+        Ok(true)
+    }
+}
+
+impl ResourceLimiter for Memory {
+    fn memory_growing(
+        &mut self,
+        from: usize,
+        to: usize,
+        maximum: Option<usize>,
+    ) -> wasmtime::Result<bool> {
+        self.grow((from, to, maximum), ("memory", 1))
+    }
+
+    fn table_growing(
+        &mut self,
+        from: usize,
+        to: usize,
+        maximum: Option<usize>,
+    ) -> wasmtime::Result<bool> {
+        self.grow((from, to, maximum), ("table", size_of::<usize>()))
+    }
+
+    // A component has one or two of each.
+    fn memories(&self) -> usize {
+        10
+    }
+
+    fn tables(&self) -> usize {
+        10
+    }
 }
 
 /// An instance of a component.
@@ -143,21 +195,15 @@ impl Compiled {
             Kind::ModelExchange => "fmi3InstantiateModelExchange",
             Kind::CoSimulation => "fmi3InstantiateCoSimulation",
         };
-        let mut limits = StoreLimitsBuilder::new().trap_on_grow_failure(true);
-        if let Some(bytes) = arguments.limits.memory {
-            // A component has one or two of each.
-            limits = limits.memory_size(bytes).memories(10).tables(10);
-            limits = limits.table_elements(bytes / size_of::<usize>());
-        }
         let data = Data {
             callbacks: callbacks.addr(),
             has_logger: arguments.treatment != Treatment::NoLogger,
             resources: arguments.resources.into(),
-            limits: limits.build(),
+            memory: Memory(arguments.limits.memory.unwrap_or(usize::MAX)),
             ..Data::default()
         };
         let mut store = Store::new(self.engine, data);
-        store.limiter(|data| &mut data.limits);
+        store.limiter(|data| &mut data.memory);
         let limit = arguments.limits.call;
         let ticks = limit.map_or(FOREVER, |limit| {
             tick(self.engine);
@@ -325,6 +371,14 @@ impl Data {
                 self.end_line(status);
             }
         }
+        self.unended = (!self.printed.is_empty()).then_some(status);
+    }
+
+    /// Logs a line that has no end.
+    fn flush(&mut self) {
+        if let Some(status) = self.unended.take() {
+            self.end_line(status);
+        }
     }
 
     fn end_line(&mut self, status: Status) {
@@ -335,9 +389,7 @@ impl Data {
 
     /// Says why a call did not return.
     fn log_fatal(&mut self, error: &wasmtime::Error, limit: Option<Duration>) {
-        if !self.printed.is_empty() {
-            self.end_line(Status::Warning);
-        }
+        self.flush();
         let text = match (error.downcast_ref(), limit) {
             (Some(Trap::Interrupt), Some(limit)) => {
                 format!("not done after {} s", limit.as_secs_f64())
@@ -446,6 +498,7 @@ macro_rules! method {
     (fmi3SetBoolean $($rest:tt)*) => {};
     (fmi3GetString $($rest:tt)*) => {};
     (fmi3SetString $($rest:tt)*) => {};
+    (fmi3Terminate $($rest:tt)*) => {};
     ($name:ident(
         references: [in u32; n], n: [len], values: [out $type:ident; n_values], n_values: [len]
     ) $operation:ident) => {
@@ -708,6 +761,12 @@ impl Instance {
         }))
     }
 
+    pub(crate) fn terminate(&mut self) -> fmi3Status {
+        let terminated = self.order(Operation::terminate, "borrow->status", &[]);
+        self.store.data_mut().flush();
+        status(terminated)
+    }
+
     pub(crate) fn get_fmu_state(&mut self, state: &mut Saved) -> fmi3Status {
         let of = "borrow->result<list<u8>,status>";
         status(self.call(Operation::get_fmu_state, of, &[], |answer| {
@@ -766,5 +825,6 @@ impl Drop for Instance {
             // SAFETY: the function ends a resource, for which it gets what the handle stands for.
             let _ = unsafe { abi::call(&mut self.store, end, Some(self.handle), &[], |_| Ok(())) };
         }
+        self.store.data_mut().flush();
     }
 }
