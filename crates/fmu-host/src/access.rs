@@ -17,10 +17,10 @@ macro_rules! access {
     ($($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($_0:tt)*) => {
         impl Instance {
             /// Gets the values of all elements of variables of one type. An Enumeration is accessed as a number. A
-            /// Boolean is true unless it is 0, and so is a Clock that is active.
+            /// Boolean is true unless it is 0.
             ///
             /// # Errors
-            /// As for every call: the function is missing or returned a failure status.
+            /// As for every call, and for Clocks, which are not supported.
             pub fn get_values(&mut self, of_type: Type, r: &[u32], values: &mut [Value]) -> Result {
                 let (i, n) = (self, values.len());
                 match of_type.accessed_as(i.version()) {
@@ -43,19 +43,15 @@ macro_rules! access {
                         fill(values, own, Value::Binary);
                         Ok(got)
                     }
-                    Type::Clock => {
-                        let mut own = vec![0; n];
-                        let got = i.get_clock(r, &mut own)?;
-                        fill(values, own, |active| Value::Boolean(active != 0));
-                        Ok(got)
-                    }
+                    kind => Err(failure(i, "get", kind, Cause::Unsupported)),
                 }
             }
 
             /// Sets the values of all elements of variables of one type.
             ///
             /// # Errors
-            /// As for every call, and if a whole number does not fit the type.
+            /// As for every call, for Clocks and Binaries, which are not supported, and if a whole number does not
+            /// fit the type.
             pub fn set_values(&mut self, of_type: Type, r: &[u32], values: &[Value]) -> Result {
                 let (kind, i, values) = (of_type.accessed_as(self.version()), self, values.iter());
                 match kind {
@@ -69,17 +65,6 @@ macro_rules! access {
                         let own = values.map(|value| i32::from(*value == Value::Boolean(true)));
                         i.set_boolean(r, &Vec::from_iter(own))
                     }
-                    Type::Clock => {
-                        let own = values.map(|value| u8::from(*value == Value::Boolean(true)));
-                        i.set_clock(r, &Vec::from_iter(own))
-                    }
-                    Type::Binary => {
-                        let own = values.map(|value| match value {
-                            Value::Binary(bytes) => bytes.as_slice(),
-                            _ => &[],
-                        });
-                        i.set_binary(r, &Vec::from_iter(own))
-                    }
                     Type::String => {
                         let own = values.map(|value| match value {
                             Value::String(text) => CString::new(text.as_str()).unwrap_or_default(),
@@ -87,6 +72,7 @@ macro_rules! access {
                         });
                         i.set_string(r, &Vec::from_iter(own))
                     }
+                    kind => Err(failure(i, "set", kind, Cause::Unsupported)),
                 }
             }
         }
@@ -122,9 +108,10 @@ fn set_whole<'a, T: Number + TryFrom<i128>>(
     let own = own.map(|value| T::try_from(value).map_err(|_| value));
     match own.collect::<std::result::Result<Vec<T>, i128>>() {
         Ok(own) => T::set(i, r, &own),
-        Err(value) => Err(Failure {
-            function: (i.version().function(&operation("set", kind))).unwrap_or_default(),
-            cause: Cause::OutOfRange(value),
-        }),
+        Err(value) => Err(failure(i, "set", kind, Cause::OutOfRange(value))),
     }
+}
+
+fn failure(i: &Instance, verb: &str, kind: Type, cause: Cause) -> Failure {
+    Failure::new(i.version().function(&operation(verb, kind)).unwrap_or_default(), cause)
 }

@@ -50,7 +50,7 @@ pub struct Instantiation<'a> {
     pub early_return_allowed: bool,
     /// `requiredIntermediateVariables`
     pub intermediate_variables: &'a [u32],
-    /// Receives intermediate updates. It is called during a step, on the thread of the step.
+    /// Receives intermediate updates, during a step and on its thread.
     pub on_intermediate: Option<OnIntermediate>,
     /// How the arguments are treated.
     pub treatment: Treatment,
@@ -358,8 +358,6 @@ methods! {
     Fmi3 get_adjoint_derivative(unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64]);
     Fmi2 set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64]);
     both get_output_derivatives(references: &[u32], orders: &[i32], values: &mut [f64]);
-    Fmi3 get_clock(references: &[u32], values: &mut [fmi3Clock]);
-    Fmi3 set_clock(references: &[u32], values: &[fmi3Clock]);
     both set_fmu_state(state: &State);
     Fmi3 get_number_of_continuous_states(n: &mut usize);
     Fmi3 get_number_of_event_indicators(n: &mut usize);
@@ -542,13 +540,6 @@ impl Instance {
         let cause = Cause::Broke("returned NULL for a binary that is not empty");
         let copied = copied.collect::<Option<_>>();
         Ok((got, copied.ok_or_else(|| Failure::new("fmi3GetBinary", cause))?))
-    }
-
-    /// `fmi3SetBinary`
-    pub fn set_binary(&mut self, references: &[u32], values: &[&[u8]]) -> Result {
-        let sizes: Vec<usize> = values.iter().map(|value| value.len()).collect();
-        let pointers: Vec<_> = values.iter().map(|value| value.as_ptr()).collect();
-        Fmi3(self).set_binary(references, &sizes, &pointers)
     }
 
     /// Gets and sets no variables of type Float64, with NULL for all arrays.
@@ -854,17 +845,12 @@ macro_rules! method {
     };
 }
 
-/// Calls the component, if the FMU is one. The host does not call the functions that are allowed nowhere, but for
-/// those of clocks.
+/// Calls the component, if the FMU is one. The host sets no Binaries, and does not call the functions that are allowed in
+/// no state.
 #[cfg(feature = "sandbox")]
 macro_rules! component {
     ($instance:ident Fmi2 $($rest:tt)*) => {};
-    ($instance:ident Fmi3 fmi3GetClock $op:ident NOWHERE; $($param:ident),*) => {
-        component!($instance Fmi3 fmi3GetClock $op; $($param),*);
-    };
-    ($instance:ident Fmi3 fmi3SetClock $op:ident NOWHERE; $($param:ident),*) => {
-        component!($instance Fmi3 fmi3SetClock $op; $($param),*);
-    };
+    ($instance:ident Fmi3 fmi3SetBinary $($rest:tt)*) => {};
     ($instance:ident Fmi3 $name:ident $op:ident NOWHERE; $($param:ident),*) => {};
     ($instance:ident Fmi3 $name:ident $op:ident $($_0:ident)|*; $($param:ident),*) => {
         if let Some(component) = &mut $instance.component {

@@ -30,7 +30,7 @@ pub use instance::{
     Completed, Instance, Instantiation, Limits, Number, State, Stepped, Treatment, Update,
 };
 pub use library::{Kind, Library, LoadError};
-pub use logger::{Intermediate, Logged, OnIntermediate, stray_messages};
+pub use logger::{Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use quick::{Listed, Unusual};
 pub use resources::{resource_path, uri};

@@ -33,23 +33,8 @@ pub struct Logged {
 /// Receives the log messages of an instance, possibly on a thread that the FMU has started.
 type Sink = dyn Fn(Logged) + Send + Sync;
 
-/// What an FMU tells during a step (FMI 3.0.2, section 4.2.2).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Intermediate {
-    /// The time that the FMU has reached (s).
-    pub time: f64,
-    /// Whether inputs may be set.
-    pub set_requested: bool,
-    /// Whether outputs may be read.
-    pub get_allowed: bool,
-    /// Whether an integrator step is finished.
-    pub step_finished: bool,
-    /// Whether the host may request that the step ends early.
-    pub can_return_early: bool,
-}
-
-/// Receives intermediate updates; returns the time (s) at which the step is to end early, if so.
-pub type OnIntermediate = Arc<dyn Fn(Intermediate) -> Option<f64> + Send + Sync>;
+/// Is called for each intermediate update.
+pub type OnIntermediate = Arc<dyn Fn() + Send + Sync>;
 
 /// The callbacks of an instance.
 #[derive(Clone)]
@@ -168,40 +153,33 @@ fn registered(environment: *mut c_void) -> Option<Callbacks> {
     callbacks().get(&environment.addr()).cloned()
 }
 
-/// `fmi3IntermediateUpdateCallback`; does not unwind.
+/// `fmi3IntermediateUpdateCallback`, which requests no early return; does not unwind.
 ///
 /// # Safety
-/// The pointers for the request are NULL or writable.
+/// The pointer for the request is NULL or writable.
 pub(crate) unsafe extern "C" fn intermediate_update(
     environment: fmi3InstanceEnvironment,
-    time: fmi3Float64,
-    set_requested: fmi3Boolean,
-    get_allowed: fmi3Boolean,
-    step_finished: fmi3Boolean,
-    can_return_early: fmi3Boolean,
+    _: fmi3Float64,
+    _: fmi3Boolean,
+    _: fmi3Boolean,
+    _: fmi3Boolean,
+    _: fmi3Boolean,
     early_return_requested: *mut fmi3Boolean,
-    early_return_time: *mut fmi3Float64,
+    _: *mut fmi3Float64,
 ) {
-    let [set_requested, get_allowed, step_finished, can_return_early] =
-        [set_requested, get_allowed, step_finished, can_return_early].map(|flag| flag != fmi3False);
-    let update = Intermediate { time, set_requested, get_allowed, step_finished, can_return_early };
-    let request = update_of(environment, update);
-    // SAFETY: not NULL by the check; the rest is the caller's promise.
-    unsafe {
-        if !early_return_requested.is_null() {
-            *early_return_requested = request.is_some().into();
-        }
-        if let (Some(time), false) = (request, early_return_time.is_null()) {
-            *early_return_time = time;
-        }
+    pass_update(environment);
+    // SAFETY: NULL or the caller's promise.
+    if let Some(requested) = unsafe { early_return_requested.as_mut() } {
+        *requested = fmi3False;
     }
 }
 
-/// Passes an update to its receiver, and returns the time (s) of the early return that it requests; does not unwind.
-pub(crate) fn update_of(environment: *mut c_void, update: Intermediate) -> Option<f64> {
-    let callback = registered(environment)?.intermediate?;
-    // C code must not be unwound.
-    catch_unwind(AssertUnwindSafe(move || callback(update))).unwrap_or(None)
+/// Passes an update to its receiver; does not unwind.
+pub(crate) fn pass_update(environment: *mut c_void) {
+    if let Some(callback) = registered(environment).and_then(|callbacks| callbacks.intermediate) {
+        // C code must not be unwound.
+        let _ = catch_unwind(AssertUnwindSafe(move || callback()));
+    }
 }
 
 // On Windows, the `printf` family is inline in the headers of the C library; this library has it.

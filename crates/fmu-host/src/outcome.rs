@@ -94,6 +94,8 @@ pub enum Cause {
     TooLarge(usize),
     /// The instance is one of another version of FMI, which does not have the function.
     OtherVersion,
+    /// The host does not call the function.
+    Unsupported,
     /// The step asked to end the simulation, at this time (s).
     Terminated(f64),
     /// The step ended early, at this time (s), which the host did not allow.
@@ -134,6 +136,7 @@ impl fmt::Display for Cause {
             Self::OtherVersion => {
                 f.write_str("does not exist in the version of FMI of the instance")
             }
+            Self::Unsupported => f.write_str("is not supported"),
             Self::Terminated(_) => f.write_str("asked to end the simulation"),
             Self::ReturnedEarly(time) => {
                 write!(f, "ended the step early at {time:?} s, which was not allowed")

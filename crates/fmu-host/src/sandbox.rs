@@ -456,8 +456,8 @@ impl Instance {
 
 type Called<T = ()> = std::result::Result<T, fmi3Status>;
 
-/// A truth value of a record.
-fn truth(byte: u8) -> fmi3Boolean {
+/// A Boolean of a record or a list.
+fn boolean(byte: u8) -> fmi3Boolean {
     (byte != 0).into()
 }
 
@@ -577,28 +577,6 @@ macro_rules! wit {
 
 fmi3_functions!(methods!);
 
-/// Defines methods that get and set truth values.
-macro_rules! truth {
-    ($($get:ident $set:ident;)*) => { $(
-        pub(crate) fn $get(&mut self, references: &[u32], values: &mut [u8]) -> fmi3Status {
-            let given = [Given::list(references)];
-            let of = "borrow,list<u32>->result<list<bool>,status>";
-            status(self.call(Operation::$get, of, &given, |answer| {
-                answer.copy(values, LENGTH)?;
-                values.iter_mut().for_each(|value| *value = (*value != 0).into());
-                Ok(())
-            }))
-        }
-
-        pub(crate) fn $set(&mut self, references: &[u32], values: &[u8]) -> fmi3Status {
-            let values = Vec::from_iter(values.iter().map(|value| u8::from(*value != 0)));
-            let given =
-                [Given::list(references), Given::list(&values)];
-            status(self.order(Operation::$set, "borrow,list<u32>,list<bool>->status", &given))
-        }
-    )* };
-}
-
 /// The texts of the host.
 fn strings(texts: &[fmi3String]) -> Vec<String> {
     // SAFETY: the pointers of the host are valid, and its texts are terminated by zero.
@@ -607,9 +585,19 @@ fn strings(texts: &[fmi3String]) -> Vec<String> {
 }
 
 impl Instance {
-    truth! {
-        get_boolean set_boolean;
-        get_clock set_clock;
+    pub(crate) fn get_boolean(&mut self, r: &[u32], values: &mut [fmi3Boolean]) -> fmi3Status {
+        let of = "borrow,list<u32>->result<list<bool>,status>";
+        status(self.call(Operation::get_boolean, of, &[Given::list(r)], |answer| {
+            answer.copy(values, LENGTH)?;
+            values.iter_mut().for_each(|value| *value = boolean(*value));
+            Ok(())
+        }))
+    }
+
+    pub(crate) fn set_boolean(&mut self, r: &[u32], values: &[fmi3Boolean]) -> fmi3Status {
+        let values = Vec::from_iter(values.iter().map(|value| boolean(*value)));
+        let given = [Given::list(r), Given::list(&values)];
+        status(self.order(Operation::set_boolean, "borrow,list<u32>,list<bool>->status", &given))
     }
 
     pub(crate) fn set_debug_logging(&mut self, on: bool, categories: &[fmi3String]) -> fmi3Status {
@@ -675,22 +663,6 @@ impl Instance {
         }))
     }
 
-    pub(crate) fn set_binary(
-        &mut self,
-        r: &[u32],
-        sizes: &[usize],
-        values: &[fmi3Binary],
-    ) -> fmi3Status {
-        let values = sizes.iter().zip(values).map(|(size, first)| match size {
-            0 => &[][..],
-            // SAFETY: the pointers of the host are valid for the sizes.
-            size => unsafe { std::slice::from_raw_parts(*first, *size) },
-        });
-        let values = Vec::from_iter(values);
-        let given = [Given::list(r), Given::Lists(&values)];
-        status(self.order(Operation::set_binary, "borrow,list<u32>,list<list<u8>>->status", &given))
-    }
-
     pub(crate) fn get_output_derivatives(
         &mut self,
         r: &[u32],
@@ -723,7 +695,7 @@ impl Instance {
         status(self.call(Operation::do_step, of, &given, |answer| {
             let [time @ .., a, b, c] = answer.result::<11>(8)?;
             *last_successful_time = f64::from_le_bytes(time);
-            [*event_handling_needed, *terminate, *early_return] = [a, b, c].map(truth);
+            [*event_handling_needed, *terminate, *early_return] = [a, b, c].map(boolean);
             Ok(())
         }))
     }
@@ -741,7 +713,7 @@ impl Instance {
         status(self.call(Operation::update_discrete_states, of, &[], |answer| {
             let [a, b, c, d, e, _, _, _, time @ ..] = answer.result::<16>(8)?;
             [*again, *terminate, *nominals_changed, *states_changed, *next_event_defined] =
-                [a, b, c, d, e].map(truth);
+                [a, b, c, d, e].map(boolean);
             *next_event = f64::from_le_bytes(time);
             Ok(())
         }))
@@ -756,7 +728,7 @@ impl Instance {
         let given = [no_set_state.into()];
         let of = "borrow,bool->result<record<bool,bool>,status>";
         status(self.call(Operation::completed_integrator_step, of, &given, |answer| {
-            [*enter_event_mode, *terminate] = answer.result(1)?.map(truth);
+            [*enter_event_mode, *terminate] = answer.result(1)?.map(boolean);
             Ok(())
         }))
     }

@@ -1,7 +1,6 @@
 /* An FMU of FMI 3.0 whose variables of each type are elements of one array: a value reference is the
  * index of the first of them, and as many follow as there are values. Not all functions exist. */
 
-#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -24,8 +23,6 @@ typedef struct {
     double time;
     char *text;
     char experiment[128];
-    uint8_t bytes[N];
-    size_t size;
     float Float32[N];
     double Float64[N];
     int8_t Int8[N];
@@ -37,7 +34,6 @@ typedef struct {
     int64_t Int64[N];
     uint64_t UInt64[N];
     uint8_t Boolean[N];
-    uint8_t Clock[N];
 } Instance;
 
 const char *fmi3GetVersion(void) { return "3.0"; }
@@ -154,43 +150,18 @@ Status fmi3GetString(Instance *self, const uint32_t *r, size_t n, const char **v
     return self->text && !*self->text ? WARNING : OK;
 }
 
-Status fmi3SetBinary(Instance *self, const uint32_t *r, size_t n, const size_t *sizes,
-                     const uint8_t *const *values, size_t count) {
-    (void)r;
-    if (n != 1 || count != 1 || sizes[0] > N) {
-        return ERROR;
-    }
-    self->size = sizes[0];
-    memcpy(self->bytes, values[0], sizes[0]);
-    return OK;
-}
-
+/* By its value reference, a Binary has two bytes, none and a warning, or none although it has a size. */
 Status fmi3GetBinary(Instance *self, const uint32_t *r, size_t n, size_t *sizes, const uint8_t **values,
                      size_t count) {
-    (void)r, (void)n;
-    for (size_t i = 0; i < count; i++) {
-        sizes[i] = self->size;
-        values[i] = self->size == N ? NULL : self->bytes;
-    }
-    return self->size == 0 ? WARNING : OK;
+    static const uint8_t bytes[] = {0, 255};
+    (void)self, (void)n, (void)count;
+    sizes[0] = r[0] == 1 ? 0 : sizeof bytes;
+    values[0] = r[0] == 0 ? bytes : NULL;
+    return r[0] == 1 ? WARNING : OK;
 }
 
-Status fmi3SetClock(Instance *self, const uint32_t *r, size_t n, const uint8_t *values) {
-    for (size_t i = 0; i < n; i++) {
-        self->Clock[r[i]] = values[i];
-    }
-    return OK;
-}
-
-Status fmi3GetClock(Instance *self, const uint32_t *r, size_t n, uint8_t *values) {
-    for (size_t i = 0; i < n; i++) {
-        values[i] = self->Clock[r[i]];
-    }
-    return OK;
-}
-
-/* Steps from or beyond 10 s end the simulation; so do requests of the host. Steps shorter than 0 fail, and
- * messages of 0 are discarded. */
+/* Steps from or beyond 10 s end the simulation, those shorter than 0 fail, and those of 0 are discarded. With a
+ * callback, steps from or beyond 1 s end early. */
 Status fmi3DoStep(Instance *self, double time, double step, bool no_set_state, bool *event,
                   bool *terminate, bool *early, double *last) {
     *event = !no_set_state;
@@ -202,11 +173,10 @@ Status fmi3DoStep(Instance *self, double time, double step, bool no_set_state, b
         return step < 0 ? ERROR : DISCARD;
     }
     if (self->update) {
-        double at = NAN;
-        self->update(self->environment, time + step / 2, false, true, true, true, early, &at);
-        if (*early) {
-            *last = self->time = at;
-        }
+        bool requested = true;
+        self->update(self->environment, time + step / 2, false, true, true, true, &requested, last);
+        *early = requested || time >= 1;
+        *last = self->time = *early ? time + step / 2 : time + step;
     }
     return OK;
 }

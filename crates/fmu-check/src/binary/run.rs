@@ -325,9 +325,8 @@ impl<'a> Subject<'a> {
             early_return_allowed: setup.early_return,
             on_intermediate: setup.early_return.then(|| {
                 let updates = Arc::clone(&self.updates);
-                Arc::new(move |_| {
+                Arc::new(move || {
                     updates.fetch_add(1, Relaxed);
-                    None
                 }) as fmu_host::OnIntermediate
             }),
             treatment: setup.treatment,

@@ -8,7 +8,7 @@ use wasmtime::{Caller, Error, Func, FuncType, Memory, Result, Store, Val};
 
 use super::Data;
 use super::abi;
-use crate::logger::{self, Intermediate, Logged};
+use crate::logger::{self, Logged};
 use crate::outcome::Status;
 
 /// The stream of errors; all others are 0.
@@ -63,18 +63,9 @@ impl Call<'_> {
             }
             "clock-update" | "lock-preemption" | "unlock-preemption" => {}
             "intermediate-update" => {
-                let flag = |index| Ok::<_, Error>(self.word(index)? != 0);
-                let update = Intermediate {
-                    time: self.given.first().and_then(Val::f64).ok_or_else(mistyped)?,
-                    set_requested: flag(1)?,
-                    get_allowed: flag(2)?,
-                    step_finished: flag(3)?,
-                    can_return_early: flag(4)?,
-                };
-                let callbacks = ptr::without_provenance_mut(self.caller.data().callbacks);
-                let request = logger::update_of(callbacks, update);
-                self.put(5, 0, &[u8::from(request.is_some())])?;
-                self.put(5, 8, &request.unwrap_or_default().to_le_bytes())?;
+                logger::pass_update(ptr::without_provenance_mut(self.caller.data().callbacks));
+                // It requests no early return.
+                self.put(5, 0, &[0; 16])?;
             }
             "read-file" => {
                 let content = read(&self.caller.data().resources, &self.text(0)?);
