@@ -8,7 +8,7 @@ use fmi_abi::Version;
 use fmi_abi::fmi2::{fmi2Component, fmi2Status};
 use fmi_abi::fmi3::{fmi3Instance, fmi3Status};
 
-use crate::instance::Instance;
+use crate::instance::{Fmi2 as Fmi2Instance, Instance};
 use crate::library::Library;
 use crate::outcome::{Result, Success};
 
@@ -152,7 +152,10 @@ impl Instance {
                 self.unusual(&["fmi2DoStep"; 2], status)
             }
             (_, Version::Fmi3) => self.step_to_the_end(time, step),
-            _ => Some(Box::new(self.do_step(time, step))),
+            _ => {
+                let no_set_state = !self.is_saved;
+                slowly(Fmi2Instance(self).do_step(time, step, no_set_state))
+            }
         }
     }
 

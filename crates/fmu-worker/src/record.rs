@@ -3,7 +3,6 @@
 use std::io;
 use std::num::NonZeroU64;
 use std::path::Path;
-use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use fmi_abi::Version;
@@ -206,27 +205,13 @@ impl Function {
 
     /// The function of a version that performs an operation, such as `get_float64`.
     pub fn of(version: Version, operation: &str) -> Option<Self> {
-        static SORTED: LazyLock<[Sorted; 2]> = LazyLock::new(|| {
-            Version::ALL.map(|version| {
-                let rows = version.functions().iter();
-                sorted(rows.filter_map(|(call, operation)| {
-                    Some((*operation, Function::named(call.name)?))
-                }))
-            })
-        });
-        find(&SORTED[version as usize], operation)
+        Self::named(version.function(operation)?)
     }
 
     /// The function of a name, such as `fmi3GetFloat64`.
     pub fn named(name: &str) -> Option<Self> {
-        static SORTED: LazyLock<Sorted> =
-            LazyLock::new(|| {
-                let functions = (1..).zip(functions());
-                sorted(functions.filter_map(|(number, (name, _))| {
-                    Some((name, Function(NonZeroU64::new(number)?)))
-                }))
-            });
-        find(&SORTED, name)
+        let index = functions().position(|(known, _)| known == name)?;
+        NonZeroU64::new(index as u64 + 1).map(Self)
     }
 
     /// Its name; `None` if no function has its number, because the record is damaged.
@@ -242,20 +227,6 @@ impl Function {
     fn row(self) -> Option<(&'static str, &'static str)> {
         functions().nth(self.0.get() as usize - 1)
     }
-}
-
-/// Functions by their names or operations, in their order.
-type Sorted = Vec<(&'static str, Function)>;
-
-fn sorted(functions: impl Iterator<Item = (&'static str, Function)>) -> Sorted {
-    let mut sorted = Vec::from_iter(functions);
-    sorted.sort_by_key(|(name, _)| *name);
-    sorted
-}
-
-fn find(sorted: &Sorted, name: &str) -> Option<Function> {
-    let index = sorted.binary_search_by_key(&name, |(known, _)| known).ok()?;
-    Some(sorted[index].1)
 }
 
 /// The names of all functions, and the operations that they perform.
