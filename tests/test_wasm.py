@@ -358,7 +358,7 @@ NUMBER = "(local $n i32) (local.set $n (call $create (i32.const 66)))"
             f"{NUMBER} (call $look (local.get $n)) (call $drop (local.get $n))",
             "fmi3EnterInitializationMode|`unreachable`",
         ),
-        ("options", "string-encoding=utf16", "texts that are not UTF-8"),
+        ("options", "string-encoding=utf16", "text other than UTF-8"),
     ],
 )
 def test_a_hostile_component_ends_with_a_message(place, code, reason, components, tmp_path):

@@ -370,7 +370,7 @@ methods! {
 }
 
 impl Instance {
-    /// An instance that is not yet there, with the callbacks to instantiate it.
+    /// An instance before its instantiation, with the callbacks for it.
     pub(crate) fn new(
         library: &Arc<Library>,
         registered: Registered,

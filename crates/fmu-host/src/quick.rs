@@ -194,7 +194,7 @@ impl Instance {
         (0, None)
     }
 
-    /// The names of the function in both versions are a reference, which no register or memory has to hold meanwhile.
+    /// The names are passed as one static reference, so that nothing must be kept across the call.
     #[inline(always)]
     fn unusual(&self, functions: &'static [&'static str; 2], status: c_int) -> Unusual {
         match status {

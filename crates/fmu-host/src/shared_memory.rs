@@ -16,7 +16,7 @@ use memmap2::{MmapMut, MmapOptions};
 /// share the memory.
 #[derive(Debug, Clone)]
 pub struct SharedMemory {
-    /// The words that the owner keeps, so that an access takes no detour.
+    /// The words that the owner keeps, to save an indirection.
     words: NonNull<[AtomicU64]>,
     _owner: Arc<dyn Debug + Send + Sync>,
 }
@@ -75,7 +75,7 @@ impl SharedMemory {
         unsafe { self.words.as_ref() }
     }
 
-    /// The first words, which there always are.
+    /// The first words, which always exist.
     #[inline]
     pub fn first(&self) -> &[AtomicU64; FIRST] {
         // SAFETY: as above; all constructors make at least so many words.

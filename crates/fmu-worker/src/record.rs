@@ -26,7 +26,7 @@ pub struct Moment {
     pub time: Option<f64>,
     /// The communication step (s).
     pub step: f64,
-    /// What the work has come to, such as `after fmi2Reset`; empty if that was not recorded.
+    /// The stage that the work has reached, such as `after fmi2Reset`; empty if that was not recorded.
     pub stage: String,
     /// The newest log message; empty if there is none.
     pub message: String,
@@ -107,7 +107,7 @@ impl Record {
         self.word(STEP).store(step.to_bits(), Relaxed);
     }
 
-    /// Records what the work has come to.
+    /// Records the stage that the work has reached.
     pub fn stage(&self, text: &str) {
         self.write(STAGE, text);
     }

@@ -608,7 +608,7 @@ impl Fmu {
         Status((function.call)(self, arguments))
     }
 
-    /// Whether the version accesses a type as another.
+    /// The type whose functions access a variable of this type.
     pub fn accessed_as(self, of: Type) -> Type {
         match (self.kind.0, of) {
             (Fmi2, Type::Float32) => Type::Float64,

@@ -34,7 +34,7 @@ fn name(state: char) -> &'static str {
     named().find(|(letter, _)| *letter == state).unwrap().1
 }
 
-/// The first letter of a name.
+/// The letter of a state, by its name.
 pub fn letter(state: &str) -> char {
     named().find(|(_, name)| *name == state).unwrap().0
 }
@@ -129,7 +129,7 @@ pub fn row(version: Version, operation: &str) -> Result<(char, &'static str, usi
     }
 }
 
-/// Why instances lack a function of which `only` says which have it; `None` if they do not.
+/// Why instances in this mode lack a function restricted to `only`; `None` if they have it.
 pub fn lacks(only: char, mode: Mode) -> Option<&'static str> {
     match (only, mode) {
         ('m', Stepped | Events) => Some("it is a function of model exchange"),

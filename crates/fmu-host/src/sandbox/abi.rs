@@ -113,7 +113,7 @@ pub(super) unsafe fn call<R>(
     given: &[Given<'_>],
     read: impl FnOnce(Answer<'_>) -> Result<R, Fault>,
 ) -> Result<R, Fault> {
-    // At most 16 values are passed so, and at least one is returned.
+    // At most 16 values are passed in this way, and at least one is returned.
     let (mut flat, mut n) = ([ValRaw::u32(0); 16], 0);
     let mut push = |value| {
         flat[n] = value;
@@ -140,7 +140,7 @@ pub(super) unsafe fn call<R>(
             }
         }
     }
-    // SAFETY: the caller's promise; a component passes arguments of these types so.
+    // SAFETY: the caller's promise; this is how a component passes these types.
     unsafe { function.function.call_unchecked(&mut *store, &mut flat)? };
     let flat = flat[0].get_u32();
     let memory = function.memory.as_ref().map_or(&[][..], |memory| memory.data(&*store));

@@ -1,4 +1,4 @@
-//! The calls of a step in one: components of `fmu-export` spare the host to enter and leave them three times.
+//! The calls of a step in one: the host enters and leaves a component of `fmu-export` once instead of three times.
 
 use std::ops::Range;
 

@@ -79,8 +79,7 @@ impl Call<'_> {
         Ok(true)
     }
 
-    /// Performs a function of WASI for a component that is granted nothing, as one imports it that was compiled for
-    /// `wasm32-wasip2`. Lines that it prints become messages. Results are 0, which is an empty text or list, none or
+    /// Performs a WASI function, as components compiled for `wasm32-wasip2` import them; nothing is granted. Lines that it prints become messages. Results are 0, which is an empty text or list, none or
     /// success. Returns whether that is a sensible answer.
     fn grant_nothing(&mut self, name: &str) -> Result<bool> {
         match name {

@@ -362,5 +362,8 @@ impl<'a> Linked<'a> {
 }
 
 fn unsupported() -> Error {
-    Error::msg("it has texts that are not UTF-8, or asynchronous functions")
+    Error::msg(
+        "it uses a feature of the component model that is not supported, such as text other than \
+         UTF-8 or asynchronous functions",
+    )
 }
