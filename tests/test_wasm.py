@@ -337,7 +337,8 @@ NUMBER = "(local $n i32) (local.set $n (call $create (i32.const 66)))"
             "(call $write (call $stderr) (i32.const 8) (i32.const 2) (i32.const 32))"
             "(call $write (call $stderr) (i32.const 8) (i32.const 1) (i32.const 32))"
             "(if (i32.load8_u (i32.const 32)) (then unreachable))",
-            "warning: hostile: aa\n|warning: hostile: a\n|fmi3ExitInitializationMode is missing from the component",
+            "warning: hostile: aa\n|warning: hostile: a\n|"
+            "fmi3ExitInitializationMode is missing from the component",
         ),
         (
             "enter",
