@@ -17,7 +17,7 @@ use fmu_description::{Loader, Saver, Variability};
 use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
 use crate::lifecycle::{Integration, Lifecycle, Mode};
-use crate::log::{self, Category, Log};
+use crate::log::{Category, Log};
 use crate::model::{Kind, ModelError, Start, ensure, refused};
 use crate::resources::Folder;
 
@@ -288,14 +288,8 @@ impl Component {
     #[inline(never)]
     fn fail_by_panic(&mut self, call: &Call, panic: Box<dyn Any + Send>) -> Outcome {
         self.shared.lifecycle.state = State::Fatal;
-        let text = log::text_of_panic(&*panic);
-        let (name, place) = (call.name, log::take_place_of_panic());
-        self.shared.settings.log.send(
-            Category::Fatal,
-            format_args!(
-                "{name}: {place}the model panicked; the instance can only be freed: {text}"
-            ),
-        );
+        let what = "the model panicked; the instance can only be freed";
+        self.shared.settings.log.send_panic(call.name, what, &*panic);
         Outcome::Fatal
     }
 

@@ -154,6 +154,14 @@ impl Log {
         Ok(())
     }
 
+    /// Sends what a panic in a function of C means, where it happened, and its message.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn send_panic(&self, function: &str, what: &str, panic: &(dyn Any + Send)) {
+        let (place, text) = (take_place_of_panic(), text_of_panic(panic));
+        self.send(Category::Fatal, format_args!("{function}: {place}{what}: {text}"));
+    }
+
     /// Sends a message. It is formatted only if its category is enabled.
     pub(crate) fn send(&self, category: Category, message: Arguments<'_>) {
         if let Some(open) = &self.0
@@ -210,7 +218,7 @@ pub(crate) fn text_of_panic(panic: &(dyn Any + Send)) -> &str {
 }
 
 /// The place of the last panic and a colon, as `src/lib.rs:12:5: `; empty if it is not known.
-pub(crate) fn take_place_of_panic() -> String {
+fn take_place_of_panic() -> String {
     let place = LAST.try_with(|last| last.try_borrow_mut().ok()?.take());
     let place = place.ok().flatten();
     place.map_or_else(String::new, |place| format!("{place}: "))
