@@ -116,8 +116,8 @@ impl Variant {
     /// The text that `export!` reads from the environment.
     ///
     /// # Errors
-    /// The name is not a C identifier, or a start value cannot be set; the message names the variable,
-    /// the value and what is expected.
+    /// The name is not a C identifier, or a start value cannot be set or is set twice; the message names the
+    /// variable, the value and what is expected.
     pub fn text(&self, model: &Description) -> Result<String> {
         let name = self.name.as_deref().unwrap_or(&model.name);
         ensure!(
@@ -126,9 +126,12 @@ impl Variant {
         );
         let mut values = Vec::new();
         for (variable, text) in &self.settings {
-            let value = value(model, variable, text)
-                .with_context(|| format!("--set {variable}={text} cannot be used"))?;
-            values.push(value);
+            let cannot = || format!("--set {variable}={text} cannot be used");
+            let (reference, value) = value(model, variable, text).with_context(cannot)?;
+            let mut others = values.iter();
+            let is_new = others.all(|(other, _)| *other != reference);
+            ensure!(is_new, "{}: it is set twice, expected one value", cannot());
+            values.push((reference, value));
         }
         Ok(interface::variant(&model.name, name, &values))
     }
@@ -262,8 +265,14 @@ mod tests {
 
     #[test]
     fn the_error_names_the_option() {
-        let variant = Variant { name: None, settings: vec![("order".into(), "5".into())] };
-        let error = format!("{:#}", variant.text(&model()).unwrap_err());
-        assert!(error.starts_with("--set order=5 cannot be used: expected"), "{error}");
+        for (values, expected) in [
+            (&["5"][..], "--set order=5 cannot be used: expected"),
+            (&["2", "3"], "--set order=3 cannot be used: it is set twice"),
+        ] {
+            let settings = values.iter().map(|value| ("order".to_owned(), (*value).to_owned()));
+            let variant = Variant { name: None, settings: settings.collect() };
+            let error = format!("{:#}", variant.text(&model()).unwrap_err());
+            assert!(error.starts_with(expected), "{error}");
+        }
     }
 }
