@@ -223,9 +223,9 @@ fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<
     let of_left = left.attributes.iter().map(|(name, _)| *name);
     let of_right = right.attributes.iter().map(|(name, _)| *name);
     for name in of_left.chain(of_right.filter(|name| left.attribute(name).is_none())) {
-        let values = [left, right].map(|element| element.attribute(name).map(quote));
+        let values = [left, right].map(|element| element.attribute(name));
         if values[0] != values[1] {
-            found.push((below(path, name), values));
+            found.push((below(path, name), quoted(values)));
         }
     }
     let parent = if path.is_empty() { left.name } else { path };
@@ -237,7 +237,7 @@ fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<
         let labels = match (next, next.map(|element| element.map(label))) {
             ([None, None], _) => return,
             ([Some(left), Some(right)], [Some(label), Some(other)]) if label == other => {
-                compare(&below(path, &label), left, right, found);
+                compare(&below(path, &shown(label)), left, right, found);
                 of_left.next();
                 of_right.next();
                 continue;
@@ -252,12 +252,21 @@ fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<
             }
             // The order differs, so the elements that follow cannot be paired.
             (_, labels) => {
-                found.push((parent.to_owned(), labels));
+                found.push((parent.to_owned(), labels.map(|label| label.map(shown))));
                 return;
             }
         };
-        found.push((parent.to_owned(), labels));
+        found.push((parent.to_owned(), labels.map(|label| label.map(shown))));
     }
+}
+
+/// Two different values in quotes, without most of a long beginning that they share.
+fn quoted(values: [Option<&str>; 2]) -> [Option<String>; 2] {
+    let [left, right] = values.map(|value| value.unwrap_or_default().chars());
+    let common = left.zip(right).take_while(|(left, right)| left == right).count();
+    let (dots, hidden) = if common < 60 { ("", 0) } else { ("...", common - 20) };
+    let rest = |value: &str| value.chars().skip(hidden).collect::<String>();
+    values.map(|value| value.map(|value| format!("{dots}{}", quote(&rest(value)))))
 }
 
 /// The path of a child or attribute.
@@ -270,11 +279,17 @@ fn children<'a, 'b>(element: &'a Element<'b>) -> impl Iterator<Item = &'a Elemen
     element.children.iter().filter(of_the_model)
 }
 
-/// The name of an element, with its attribute `name`.
-fn label(element: &Element<'_>) -> String {
-    match element.attribute("name") {
-        Some(name) => format!("{} {}", element.name, quote(name)),
-        None => element.name.to_owned(),
+/// The name of an element, and its attribute `name`.
+type Label<'a> = (&'a str, Option<&'a str>);
+
+fn label<'a>(element: &'a Element<'_>) -> Label<'a> {
+    (element.name, element.attribute("name"))
+}
+
+fn shown((element, name): Label<'_>) -> String {
+    match name {
+        Some(name) => format!("{element} {}", quote(name)),
+        None => element.to_owned(),
     }
 }
 
@@ -397,8 +412,8 @@ mod tests {
         let (left, right) = (xml::parse(left).unwrap(), xml::parse(right).unwrap());
         let mut found = Vec::new();
         compare("", &left, &right, &mut found);
-        let shown = |value: Option<String>| value.unwrap_or_else(|| "nothing".into());
-        let line = |(path, values): Difference| [vec![path], values.map(shown).to_vec()].concat();
+        let text = |value: Option<String>| value.unwrap_or_else(|| "nothing".into());
+        let line = |(path, values): Difference| [vec![path], values.map(text).to_vec()].concat();
         let lines = found.into_iter().map(|difference| line(difference).join(" | "));
         lines.collect::<Vec<_>>().join("\n")
     }
@@ -444,6 +459,17 @@ mod tests {
         ] {
             assert_eq!(differences(left, right), expected);
         }
+    }
+
+    #[test]
+    fn long_values_and_names_are_compared_to_their_ends() {
+        let long = |end: u8| format!("<r a='{end:099}'><v name='{end:099}'/></r>");
+        let name = format!("v \"{:080}\"...", 0);
+        let expected = format!(
+            "a | ...\"{:021}\" | ...\"{:021}\"\nr | {name} | nothing\nr | nothing | {name}",
+            1, 2
+        );
+        assert_eq!(differences(&long(1), &long(2)), expected);
     }
 
     #[test]
