@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`archive`] | the zip archive: reproducible when written, size limits when read |
 //! | [`merge`] | merging FMUs of one model that were built on several machines |
-//! | [`platform`] | the platform folders of FMI 2.0 |
+//! | [`platform`] | the platform folders of FMI 2.0 and 3.0 |
 //! | [`replace`] | atomic writing of files |
 //! | [`text`] | untrusted text in messages |
 #![forbid(unsafe_code)]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File, Permissions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -10,8 +10,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use anyhow::{Context, Result, bail, ensure};
 use tempfile::{Builder, NamedTempFile};
 
-/// A temporary file that replaces the target file when it is finished. If dropped before, it leaves
-/// nothing behind.
+/// A temporary file that replaces the target file when it is finished, with its permissions. If dropped before,
+/// it leaves nothing behind.
 pub struct Replacement {
     path: PathBuf,
     target: Target,
@@ -75,7 +75,9 @@ impl Replacement {
                 cannot(),
                 folder.display()
             );
-            let (file, listed) = temporary(builder, folder).with_context(cannot)?;
+            let older = fs::metadata(target).ok().filter(fs::Metadata::is_file);
+            let permissions = older.map(|older| older.permissions());
+            let (file, listed) = temporary(builder, folder, permissions).with_context(cannot)?;
             Target::Temporary(file, listed)
         };
         let path = path.to_owned();
@@ -108,7 +110,7 @@ impl Replacement {
         if let Target::Temporary(file, _listed) = self.target {
             let cannot = || format!("cannot write {}", self.path.display());
             file.as_file().sync_all().with_context(cannot)?;
-            file.persist(linked(&self.path)).with_context(cannot)?;
+            file.persist(linked(&self.path)).map_err(|error| error.error).with_context(cannot)?;
         }
         Ok(())
     }
@@ -165,7 +167,7 @@ pub fn write(path: &Path, content: &[u8]) -> Result<()> {
 /// # Errors
 /// The folder is not writable.
 pub fn check_writable(folder: &Path) -> Result<()> {
-    temporary(Builder::new().prefix(".fmu-"), folder)
+    temporary(Builder::new().prefix(".fmu-"), folder, None)
         .map(drop)
         .with_context(|| format!("cannot write to the folder {}", folder.display()))
 }
@@ -217,11 +219,21 @@ impl Drop for Listed {
     }
 }
 
-/// Creates a temporary file in a folder, with the permissions of an ordinary new file.
-fn temporary(builder: &mut Builder<'_, '_>, folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
+/// Creates a temporary file in a folder, on Unix with these permissions, or those of an ordinary new file.
+fn temporary(
+    builder: &mut Builder<'_, '_>,
+    folder: &Path,
+    permissions: Option<Permissions>,
+) -> io::Result<(NamedTempFile, Listed)> {
     #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.permissions(
+        permissions.clone().unwrap_or(std::os::unix::fs::PermissionsExt::from_mode(0o666)),
+    );
     let file = builder.tempfile_in(folder)?;
+    if let Some(permissions) = permissions.filter(|_| cfg!(unix)) {
+        // Also those that the process does not give to new files. Some file systems have none.
+        let _ = file.as_file().set_permissions(permissions);
+    }
     let path = file.path().to_owned();
     unfinished().insert(path.clone());
     Ok((file, Listed(path)))
@@ -269,12 +281,16 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_followed_and_devices_are_written_directly() {
+    fn links_are_followed_permissions_kept_and_devices_written_directly() {
+        use std::os::unix::fs::PermissionsExt;
+
         let folder = tempfile::tempdir().unwrap();
         let (path, link) = (folder.path().join("a"), folder.path().join("link"));
         fs::write(&path, "old").unwrap();
+        fs::set_permissions(&path, Permissions::from_mode(0o622)).unwrap();
         std::os::unix::fs::symlink(&path, &link).unwrap();
         write(&link, b"new").unwrap();
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o622);
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&path).unwrap(), b"new");
         write(Path::new("/dev/null"), b"gone").unwrap();
