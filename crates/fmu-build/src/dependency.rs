@@ -65,7 +65,8 @@ impl Dependency {
     pub fn install(&self) -> String {
         match self {
             Self::Git(url) => format!("cargo install --locked --git {url} cargo-fmu"),
-            Self::Version(_) => format!("pip install \"cargo-fmu=={VERSION}.*\""),
+            // The wheel has the command line, too.
+            Self::Version(_) => format!("pip install \"fmu-master=={VERSION}.*\""),
             Self::Folder(_) => {
                 "echo '::error::fmu-export comes from a folder that this runner lacks. \
                 Write git = URL instead of path = FOLDER in Cargo.toml, and here \
@@ -129,8 +130,11 @@ mod tests {
         }
         let checkout = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap();
         assert_eq!(shown(checkout.to_str().unwrap()), Some(folder));
-        let git: Dependency = "https://a/b.git".parse().unwrap();
-        assert_eq!(git.install(), "cargo install --locked --git https://a/b.git cargo-fmu");
+        let version = format!("pip install \"fmu-master=={VERSION}.*\"");
+        let git = "cargo install --locked --git https://a/b.git cargo-fmu";
+        for (text, expected) in [("0.1", version.as_str()), ("https://a/b.git", git)] {
+            assert_eq!(text.parse::<Dependency>().unwrap().install(), expected);
+        }
         let folder = Dependency::default().install();
         assert!(
             folder.ends_with("--git URL cargo-fmu'; exit 1") && !folder.contains(": "),
