@@ -136,12 +136,16 @@ def test_settings_that_cannot_be_used_are_refused(fmus: Path) -> None:
 
 @pytest.mark.parametrize(
     ("words", "offered"),
-    [("cargo fmu ex", "export"), ("cargo fmu export --ta", "--target"), ("cargo bu", "")],
+    [("cargo fmu ex", "export"), ("cargo fmu export --ta", "--target"), ("cargo bu", "build")],
 )
 def test_bash_completes_after_cargo_fmu(words: str, offered: str, tmp_path: Path) -> None:
     script = tmp_path / "completions.sh"
     script.write_text(run("completions", "bash").stdout)
+    # Reloading ~/.bashrc sources the script again.
     commands = f"""
+        before() {{ COMPREPLY=(build); }}
+        complete -F before cargo
+        source {script}
         source {script}
         COMP_WORDS=({words}) COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))
         _cargo_fmu_after_cargo cargo "${{COMP_WORDS[COMP_CWORD]}}" "${{COMP_WORDS[COMP_CWORD-1]}}"

@@ -1,5 +1,7 @@
 
-_cargo_fmu_before=$(complete -p cargo 2>/dev/null | sed -n 's/.* -F \([^ ]*\) .*/\1/p')
+# The completion that `cargo` has, unless this script was sourced before.
+_cargo_fmu_found=$(complete -p cargo 2>/dev/null | sed -n 's/.* -F \([^ ]*\) .*/\1/p')
+[[ $_cargo_fmu_found == _cargo_fmu_after_cargo ]] || _cargo_fmu_before=$_cargo_fmu_found
 _cargo_fmu_after_cargo() {
     if [[ ${COMP_WORDS[1]} == fmu && $COMP_CWORD -gt 1 ]]; then
         COMP_WORDS=(cargo_fmu "${COMP_WORDS[@]:2}")
