@@ -37,7 +37,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     manifest = workspace / "own" / "Cargo.toml"
     manifest.write_text(manifest.read_text().replace("[REPOSITORY]", str(ROOT)))
     (workspace / "Cargo.toml").write_text(WORKSPACE)
-    run(PROGRAM, "new", "my-controller", cwd=workspace)
+    run(PROGRAM, "new", "../my-controller", cwd=workspace / "own")
     run(PROGRAM, "export", cwd=prepare(workspace))
     return workspace
 

@@ -162,6 +162,20 @@ fn counted(number: impl ToString, what: &str) -> String {
     format!("{number} {what}{ending}")
 }
 
+/// A template with the value of each placeholder, in which others are left as they are.
+fn filled(mut template: &str, values: &[(&str, &str)]) -> String {
+    let mut text = String::new();
+    let first = |template: &str| {
+        let found = values.iter().filter_map(|value| Some((template.find(value.0)?, *value)));
+        found.min_by_key(|(start, _)| *start)
+    };
+    while let Some((start, (placeholder, value))) = first(template) {
+        text.extend([&template[..start], value]);
+        template = &template[start + placeholder.len()..];
+    }
+    text + template
+}
+
 /// The arguments without the name of the subcommand, which cargo repeats to an installed `cargo-fmu`.
 fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item = OsString> {
     all.enumerate()
@@ -210,7 +224,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_is_consistent() {
-        Cli::command().debug_assert();
+    fn a_value_may_contain_placeholders() {
+        assert_eq!(
+            filled("a NAME, a PLACE", &[("PLACE", "NAME"), ("NAME", "PLACE")]),
+            "a PLACE, a NAME"
+        );
     }
 }

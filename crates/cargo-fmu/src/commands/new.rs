@@ -10,6 +10,8 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use fmu_build::dependency::{Dependency, quoted};
 
+use crate::filled;
+
 /// Where to write the package.
 #[derive(Debug, Args)]
 pub struct NewArgs {
@@ -37,7 +39,8 @@ const TEMPLATE: [(&str, &str); 7] = [
 ];
 
 /// Names that the template uses for something else.
-const TAKEN: [&str; 6] = ["FmuExport", "Model", "ModelError", "Result", "Simulate", "Start"];
+const TAKEN: [&str; 7] =
+    ["Driver", "FmuExport", "Model", "ModelError", "Result", "Simulate", "Start"];
 
 /// Writes the package and prints what to do next.
 ///
@@ -107,37 +110,28 @@ impl Package<'_> {
         let locate = ["locate-project", "--workspace", "--message-format=plain"];
         let manifest = folder.join("Cargo.toml");
         let root = output(cargo().args(locate).arg("--manifest-path").arg(manifest))?;
-        let root = Path::new(root.trim_end()).parent();
-        let below = root.and_then(|root| folder.strip_prefix(root).ok());
-        let to_root = "../".repeat(below.map_or(0, |below| below.components().count()));
+        let root = Path::new(root.trim_end()).parent().unwrap_or(folder);
+        // The path of the folder may lead through `..`.
+        let (root, below) = (root.canonicalize()?, folder.canonicalize()?);
+        let below = below.strip_prefix(root).map_or(0, |below| below.components().count());
+        let author = output(Command::new("git").args(["config", "user.name"])).unwrap_or_default();
+        let authors = Some(author.trim()).filter(|author| !author.is_empty()).map(quoted);
+        let values = [
+            ("fmu-export = \"0.1\"", &*self.dependency.to_string()),
+            ("authors = []", &format!("authors = [{}]", authors.unwrap_or_default())),
+            ("INSTALL", &self.dependency.install()),
+            ("target/fmu/", &format!("{}target/fmu/", "../".repeat(below))),
+            ("MyController", self.model),
+            ("my-controller", self.name),
+        ];
         for (file, text) in TEMPLATE {
             let path = folder.join(file);
-            let text = match file {
-                "Cargo.toml" => self.manifest(text),
-                _ => text.to_owned(),
-            };
-            let text = text
-                .replace("INSTALL", &self.dependency.install())
-                .replace("target/fmu/", &format!("{to_root}target/fmu/"))
-                .replace("MyController", self.model)
-                .replace("my-controller", self.name);
             path.parent()
                 .map_or(Ok(()), fs::create_dir_all)
-                .and_then(|()| fs::write(&path, text))
+                .and_then(|()| fs::write(&path, filled(text, &values)))
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())
-    }
-
-    fn manifest(&self, text: &str) -> String {
-        let mut text = text.replace("fmu-export = \"0.1\"", &self.dependency.to_string());
-        let author = output(Command::new("git").args(["config", "user.name"]));
-        let author = author.unwrap_or_default();
-        if !author.trim().is_empty() {
-            let authors = format!("authors = [{}]", quoted(author.trim()));
-            text = text.replace("authors = []", &authors);
-        }
-        text
     }
 }
 
@@ -174,7 +168,7 @@ mod tests {
 
     #[test]
     fn names_that_are_no_model_are_refused() {
-        for package in ["", "1pid", "_", "-pid", "pïd", "a b", "a.b", "result", "fmu-export"] {
+        for package in ["", "1pid", "_", "-pid", "pïd", "a b", "a.b", "driver", "fmu-export"] {
             assert!(model_name(package).is_err(), "{package}");
         }
     }
