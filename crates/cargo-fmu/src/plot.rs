@@ -7,9 +7,12 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result};
 use clap::Args;
 use fmu_description::Value as Cell;
-use fmu_file::replace::Replacement;
+use fmu_file::replace;
 use fmu_master::table::{self, Format, Series};
 use serde_json::{Value, json};
+
+use crate::commands::info::json;
+use crate::filled;
 
 const RUNS: &str = include_str!("plot/page.html");
 const SWEEP: &str = include_str!("plot/sweep.html");
@@ -77,21 +80,15 @@ impl Page {
         // No text of a table ends the element that holds it.
         let runs = runs.to_string().replace('<', "\\u003c");
         let escaped = title.replace('&', "&amp;").replace('<', "&lt;");
-        let mut text = template.to_owned();
-        for (place, content) in [
+        let values = [
             ("{{title}}", escaped.as_str()),
             ("{{page.css}}", include_str!("plot/page.css")),
             ("{{licence}}", include_str!("plot/LICENSE")),
             ("{{uplot.css}}", include_str!("plot/uPlot.min.css")),
             ("{{uplot.js}}", include_str!("plot/uPlot.iife.min.js")),
             ("{{runs}}", &runs),
-        ] {
-            text = text.replace(place, content);
-        }
-        let mut output = Replacement::of(page)?;
-        let written = output.write_all(text.as_bytes());
-        written.with_context(|| format!("cannot write {}", page.display()))?;
-        output.finish()?;
+        ];
+        replace::write(page, filled(template, &values).as_bytes())?;
         writeln!(out, "wrote {}", page.display())?;
         if self.open { open(page) } else { Ok(()) }
     }
@@ -99,7 +96,8 @@ impl Page {
 
 /// The rows of a run by column. Columns without numbers are left out.
 fn run(name: &str, table: &[Series]) -> Result<Value> {
-    let time = Vec::from_iter(table::times(table)?.into_iter().map(number));
+    // With all digits: far from zero, those of `f32` do not tell the times of small steps apart.
+    let time = table::times(table)?;
     let columns = table.iter().skip(1).filter_map(|series| {
         let values = (0..time.len()).map(|row| series.number(row).map_or(Value::Null, number));
         let mut values = Vec::from_iter(values);
@@ -129,17 +127,10 @@ fn sweep(table: &[Series]) -> Value {
     let distance = runs.div_ceil(MOST_RUNS).max(1);
     let drawn = (0..runs).filter(|run| run.is_multiple_of(distance) || Some(*run) == best);
     let drawn = Vec::from_iter(drawn);
-    let value = |cell: &Option<Cell>| match cell {
-        None => Value::Null,
-        Some(Cell::Boolean(value)) => json!(value),
-        Some(Cell::String(text)) => json!(text),
-        Some(value) => match (value.as_whole(), value.as_real()) {
-            (Some(whole), _) => json!(whole as i64),
-            (_, real) => real.map_or(Value::Null, number),
-        },
-    };
+    let shown = |cell: &Cell| cell.as_real().map_or_else(|| json::value(cell), number);
     let columns = table.iter().map(|series| {
-        let values = Vec::from_iter(drawn.iter().map(|run| value(&series.cells[*run])));
+        let cells = drawn.iter().map(|run| series.cells[*run].as_ref());
+        let values = Vec::from_iter(cells.map(|cell| cell.map(shown)));
         json!({"name": series.name, "values": values})
     });
     // Between the index of the run and its metrics.
@@ -170,4 +161,22 @@ fn open(page: &Path) -> Result<()> {
         .spawn()
         .with_context(|| format!("{} cannot be opened with {program}", page.display()))?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_and_whole_numbers_keep_their_digits() {
+        let series = |name: &str, value: Cell| Series {
+            name: name.into(),
+            unit: String::new(),
+            cells: vec![Some(value)],
+        };
+        let page = run("a", &[series("time", Cell::Float64(100_000.001))]).unwrap();
+        assert_eq!(page["time"], json!([100_000.001]));
+        let page = sweep(&[series("seed", Cell::UInt64(u64::MAX))]);
+        assert_eq!(page["columns"][0]["values"], json!([u64::MAX]));
+    }
 }

@@ -1,6 +1,6 @@
 //! `cargo fmu info`: the contents of an FMU.
 
-mod json;
+pub mod json;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -102,7 +102,7 @@ fn described(variable: &Listed<'_>) -> Value {
 }
 
 /// A number that JSON does not have is a text.
-fn value(value: &Start) -> Value {
+pub fn value(value: &Start) -> Value {
     match (value, value.as_whole(), value.as_real()) {
         (Start::Boolean(value), ..) => json!(value),
         (_, Some(whole), _) => match u64::try_from(whole) {
