@@ -20,7 +20,7 @@ pub struct Replacement {
 enum Target {
     /// A temporary file that is listed while it exists.
     Temporary(NamedTempFile, Listed),
-    /// A device or a pipe, which cannot be replaced.
+    /// A device, a pipe or a file without a path, which cannot be replaced.
     Device(File),
 }
 
@@ -206,8 +206,11 @@ fn linked(path: &Path) -> PathBuf {
     target.unwrap_or_else(|| path.to_owned())
 }
 
+/// Whether it can only be written directly. As `/dev/stdout`, a link can lead to a file that was removed.
 fn is_device(path: &Path) -> bool {
-    fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
+    let has_path =
+        |data: &fs::Metadata| data.is_dir() || data.is_file() && path.canonicalize().is_ok();
+    fs::metadata(path).is_ok_and(|data| !has_path(&data))
 }
 
 /// A file in the list of unfinished ones.
@@ -294,6 +297,16 @@ mod tests {
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&path).unwrap(), b"new");
         write(Path::new("/dev/null"), b"gone").unwrap();
+        if cfg!(target_os = "linux") {
+            let [removed, stdout] = ["removed", "stdout"].map(|name| folder.path().join(name));
+            let file = File::create(&removed).unwrap();
+            let opened = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&file));
+            std::os::unix::fs::symlink(opened, &stdout).unwrap();
+            fs::remove_file(&removed).unwrap();
+            write(&stdout, b"rows").unwrap();
+            assert_eq!(file.metadata().unwrap().len(), 4);
+            assert!(stdout.is_symlink());
+        }
     }
 
     #[test]

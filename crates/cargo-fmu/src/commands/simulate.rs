@@ -11,6 +11,7 @@ use std::time::Instant;
 use anyhow::{Error, Result, bail};
 use clap::Args;
 use fmu_description::Value;
+use fmu_file::replace;
 use fmu_master::run::{self, Outcome, Summary, Watch};
 use fmu_master::table::Format;
 use fmu_master::{
@@ -87,8 +88,13 @@ pub fn supervise(
     let limits = args.limited.limits(1)?;
     let mut worker = Worker::start(worker, session.folder(), limits)?;
     let progress = Progress::new()?;
+    let unsaved = session.folder().join("rows.csv");
+    // A page is drawn of rows that can be read again, which a device or a pipe does not allow.
+    let (csv, page) = (args.csv.as_deref(), &args.page.file);
+    let file = csv.filter(|csv| page.is_none() || replace::part(csv).is_some());
+    let rows = file.or(page.as_ref().map(|_| &*unsaved));
     let watch = Watch {
-        keeps_rows: args.csv.is_some(),
+        keeps_rows: file.is_some(),
         keeps_worker: false,
         is_cancelled: &|| session.signal().is_some(),
         warn: &worker::warn,
@@ -96,18 +102,16 @@ pub fn supervise(
         row: &|_, _| {},
         compute: &|_, _, _| Err("a system file has no functions".to_owned()),
     };
-    let unsaved = session.folder().join("rows.csv");
-    let rows = match (&args.csv, &args.page.file) {
-        (None, Some(_)) => Some(unsaved.as_path()),
-        (csv, _) => csv.as_deref(),
-    };
     let outcome = run::supervise(&mut worker, rows, &watch)?;
     progress.bar.finish_and_clear();
     match outcome {
         Outcome::Finished(finished) => {
             warn(&finished.messages);
+            if let (None, Some(device)) = (file, csv) {
+                replace::write(device, &fs::read(&unsaved)?)?;
+            }
             report(out, &finished)?;
-            if let (Some(rows), Some(path)) = (finished.rows, &args.csv) {
+            if let (Some(rows), Some(path)) = (finished.rows, csv) {
                 writeln!(out, "wrote {}: {}", path.display(), counted(rows, "row"))?;
             }
             if let Some(rows) = rows {
