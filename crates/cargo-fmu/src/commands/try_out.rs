@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 use fmu_build::{FmiVersion, Options, Selection};
 use fmu_worker::Service;
@@ -61,7 +61,8 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
         out: Some(folder.clone()),
         ..Options::default()
     };
-    let root = options.selection.metadata()?.workspace_root.into_std_path_buf();
+    let metadata = options.selection.metadata()?;
+    let (root, target) = (metadata.workspace_root.as_std_path(), metadata.target_directory);
     loop {
         let begin = SystemTime::now();
         let ended = export::build(&options).and_then(|_| match session.signal() {
@@ -83,7 +84,7 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
         }
         args.simulation.page.open = false;
         writeln!(out, "waiting for a change in {}\n", root.display())?;
-        while !has_changed(&root, begin)? {
+        while !has_changed(root, target.as_std_path(), begin) {
             thread::sleep(PERIOD);
             if let Some(signal) = session.signal() {
                 return Ok(session::code(signal));
@@ -92,28 +93,41 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
     }
 }
 
-/// Whether a manifest, a source file or a folder with such files has changed since a time; removing a file
-/// changes its folder.
-fn has_changed(folder: &Path, since: SystemTime) -> Result<bool> {
-    let entries = fs::read_dir(folder);
-    let entries = entries.with_context(|| format!("cannot read {}", folder.display()))?;
-    for entry in entries.flatten() {
-        let (path, name) = (entry.path(), entry.file_name());
+/// Whether a manifest or a source file outside the target folder has changed since a time.
+fn has_changed(folder: &Path, target: &Path, since: SystemTime) -> bool {
+    // A folder may vanish meanwhile, or be that of another user.
+    let mut entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.any(|entry| {
+        let path = entry.path();
+        if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            // Cargo marks the target folders that it creates by this file.
+            let is_left_out = entry.file_name().to_string_lossy().starts_with('.')
+                || path == target
+                || path.join("CACHEDIR.TAG").exists();
+            return !is_left_out && has_changed(&path, target, since);
+        }
         let is_source =
             path.extension().is_some_and(|extension| extension == "rs" || extension == "toml");
-        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
-        if is_folder {
-            // Cargo marks its target folder by this file.
-            let is_left_out =
-                name.to_string_lossy().starts_with('.') || path.join("CACHEDIR.TAG").exists();
-            if !is_left_out && has_changed(&path, since)? {
-                return Ok(true);
-            }
-        } else if is_source
-            && entry.metadata().and_then(|data| data.modified()).is_ok_and(|at| at > since)
-        {
-            return Ok(true);
-        }
+        is_source && entry.metadata().and_then(|data| data.modified()).is_ok_and(|at| at > since)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_sources_outside_the_target_folder_are_watched() {
+        let root = tempfile::tempdir().unwrap();
+        let [target, source] = ["target", "src"].map(|name| root.path().join(name));
+        fs::create_dir_all(&target).unwrap();
+        fs::write(target.join("built.rs"), "").unwrap();
+        let has_changed = || has_changed(root.path(), &target, SystemTime::UNIX_EPOCH);
+        assert!(!has_changed());
+        fs::create_dir(&source).unwrap();
+        fs::write(source.join("lib.rs"), "").unwrap();
+        assert!(has_changed());
+        fs::remove_dir_all(&root).unwrap();
+        assert!(!has_changed());
     }
-    Ok(false)
 }
