@@ -64,14 +64,12 @@ fn row(v: &Listed<'_>, model: &ModelDescription<'_>) -> Row {
     .map(str::to_owned)
 }
 
-/// A number in scientific notation if that is shorter.
+/// A number in scientific notation if that is shorter and the same number.
 fn short(number: &str) -> String {
-    match number.parse::<f64>() {
-        Ok(value) if number.len() > 5 && format!("{value:e}").len() < number.len() => {
-            format!("{value:e}")
-        }
-        _ => number.to_owned(),
-    }
+    let Ok(value) = number.parse::<f64>() else { return number.to_owned() };
+    let is_rounded = number.parse().is_ok_and(|whole: i128| whole != value as i128);
+    let short = format!("{value:e}");
+    if number.len() > 5.max(short.len()) && !is_rounded { short } else { number.to_owned() }
 }
 
 #[cfg(test)]
@@ -87,6 +85,7 @@ mod tests {
             ("0.001", "0.001"),
             ("1000", "1000"),
             ("2147483647", "2147483647"),
+            ("10000000000000001", "10000000000000001"),
             ("x", "x"),
         ] {
             assert_eq!(short(number), expected);
