@@ -207,13 +207,9 @@ impl<'a> Builder<'a> {
             }
         }
         // This machine's binary is built to read the models, even if it is not packed.
-        let is_replaced = |binary: &Binary<'_>| {
-            let mut replaced = self.prebuilt.iter().flat_map(|other| &other.platforms);
-            replaced.any(|platform| binary.platforms.contains(platform))
-        };
+        drop_replaced(&mut built, &self.prebuilt);
         let packed = thread::scope(|scope| {
-            let built = built.iter().filter(|binary| !is_replaced(binary));
-            let packing = built.chain(&self.prebuilt);
+            let packing = built.iter().chain(&self.prebuilt);
             let packing =
                 packing.map(|binary| (binary, scope.spawn(|| Packed::program(&binary.bytes))));
             let packed = Vec::from_iter(packing).into_iter().map(|(binary, thread)| {
@@ -453,6 +449,15 @@ impl<'a> Binary<'a> {
     }
 }
 
+/// Leaves the platforms of prebuilt binaries to them.
+fn drop_replaced(built: &mut Vec<Binary<'_>>, prebuilt: &[Binary<'_>]) {
+    let taken = Vec::from_iter(prebuilt.iter().flat_map(|binary| &binary.platforms));
+    built.retain_mut(|binary| {
+        binary.platforms.retain(|platform| !taken.contains(&platform));
+        !binary.platforms.is_empty()
+    });
+}
+
 #[cfg(feature = "wasm")]
 use crate::component::encode as component;
 
@@ -539,4 +544,25 @@ fn check_platforms(options: &Options, names: &[String], version: FmiVersion) -> 
         );
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prebuilt_binary_replaces_another_in_its_folder_only() {
+        let arm = Platform::of_target("aarch64-apple-darwin", FmiVersion::Fmi2).unwrap();
+        let binary = |platforms: &[Platform]| Binary {
+            source: Source::File(Path::new("")),
+            platforms: platforms.to_vec(),
+            bytes: Vec::new(),
+            models: Vec::new(),
+        };
+        for (prebuilt, expected) in [(&arm[..1], &[&arm[1..]][..]), (&arm, &[])] {
+            let mut built = vec![binary(&arm)];
+            drop_replaced(&mut built, &[binary(prebuilt)]);
+            assert_eq!(Vec::from_iter(built.iter().map(|b| &*b.platforms)), expected);
+        }
+    }
 }
