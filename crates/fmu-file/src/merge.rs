@@ -293,6 +293,7 @@ fn shown((element, name): Label<'_>) -> String {
     }
 }
 
+/// `tests/cmd/merge.txt` of the command line has what is refused, and what is noted.
 #[cfg(test)]
 mod tests {
     use std::fs;
@@ -349,46 +350,6 @@ mod tests {
         assert_eq!(texts(&out), expected);
         for order in [&[&b, &a][..], &[&out, &a, &b, &a]] {
             assert_eq!(merged(order).unwrap().1, out);
-        }
-    }
-
-    #[test]
-    fn documentation_is_taken_from_the_first_fmu() {
-        let [one, two] = ["1", "2"].map(|text| {
-            let xml = format!("<fmiModelDescription fmiVersion='3.0' generationTool='{text}'/>");
-            let page = ("documentation/index.html", text);
-            let icons = ["model.png", "terminalsAndIcons/icon.png"].map(|name| (name, text));
-            fmu(&xml, &[page, icons[0], icons[1]])
-        });
-        let (found, out) = merged(&[&two, &one]).unwrap();
-        assert_eq!(found.notes.len(), 4);
-        let texts = texts(&out);
-        let mut texts = texts.iter();
-        assert!(texts.all(|(_, text)| text.contains('2') && !text.contains('1')));
-    }
-
-    /// `tests/cmd/merge.txt` of the command line has more, with whole messages.
-    #[test]
-    fn what_cannot_be_merged_is_refused_with_the_reason() {
-        let binary = |name| fmu(XML, &[(name, "")]);
-        let xml = |xml| fmu(xml, &[]);
-        let terminals = "terminalsAndIcons/terminalsAndIcons.xml";
-        for (one, other, reason) in [
-            (
-                binary("binaries/linux64/A.so"),
-                binary("Binaries/linux64/a.so"),
-                "b has \"Binaries/linux64/a.so\"; some systems treat them as the same file",
-            ),
-            (
-                fmu(XML, &[("extra/e", "1"), (terminals, "1")]),
-                fmu(XML, &[("extra/e", "1"), (terminals, "2")]),
-                "terminalsAndIcons.xml\" differs in a and b, expected the same bytes",
-            ),
-            (xml(XML), xml("<html/>"), "b: modelDescription.xml has the root \"html\""),
-            (xml("<a>"), xml(XML), "a: modelDescription.xml cannot be read"),
-        ] {
-            let found = merged(&[&one, &other]).unwrap_err();
-            assert!(found.contains(reason), "{found}");
         }
     }
 
