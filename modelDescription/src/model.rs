@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail, ensure};
 
-use crate::value::{items, real, unsigned, unsigneds, whole};
+use crate::value::{items, real, unsigneds, whole};
 use crate::variable::{DeclaredType, Item, Variable};
-use crate::words::{in_modelica, is_of_modelica};
+use crate::words::{is_reserved_in_modelica, modelica_name};
 use crate::xml::{Element, quote};
 use crate::{Causality, FmiVersion, Initial, Type, Value, Variability};
 
@@ -132,7 +132,7 @@ impl<'a> ModelDescription<'a> {
         Ok(model)
     }
 
-    /// Says so if a model description is of another version of FMI.
+    /// The error message if a model description is not of FMI 2.0 or 3.0.
     pub fn other_version(root: &Element<'_>) -> Option<String> {
         if root.name != "fmiModelDescription"
             || FmiVersion::named(root.attribute("fmiVersion")).is_some()
@@ -188,7 +188,7 @@ impl<'a> ModelDescription<'a> {
         for (_, variable) in self.variables() {
             for name in [&*variable.name].into_iter().chain(variable.aliases()) {
                 let is_time = name == "time";
-                if is_of_modelica(name)
+                if is_reserved_in_modelica(name)
                     && !(is_time && variable.causality == Causality::Independent)
                 {
                     let what = if is_time { "the time" } else { "a keyword" };
@@ -197,7 +197,7 @@ impl<'a> ModelDescription<'a> {
                         format!("the name {} is {what} in Modelica", quote(name)),
                     ));
                 }
-                let written = in_modelica(name);
+                let written = modelica_name(name);
                 let other = *known.entry(written).or_insert(name);
                 if other != name {
                     let names = format!("{} and {}", quote(other), quote(name));
@@ -227,7 +227,7 @@ impl<'a> ModelDescription<'a> {
 
     /// The variable to which an attribute refers.
     pub fn referred(&self, element: &Element<'_>, attribute: &str) -> Option<&Listed<'a>> {
-        self.variable(self.index(unsigned(element.attribute(attribute)?)?))
+        self.variable(self.index(whole(element.attribute(attribute)?)?))
     }
 
     /// The unknowns in a list of FMI 2.0, or of this name in FMI 3.0.
@@ -238,7 +238,7 @@ impl<'a> ModelDescription<'a> {
         };
         let elements = (parent.into_iter()).flat_map(|parent| parent.list(list, item));
         let unknown = |element: &'a Element<'a>| {
-            let number = unsigned(element.attribute(number)?)?;
+            let number = whole(element.attribute(number)?)?;
             Some(Unknown {
                 element,
                 number,
@@ -315,7 +315,7 @@ impl<'a> Listed<'a> {
             is_sized: dimensions.is_some(),
             variable: Variable {
                 name: element.attribute("name")?.to_owned(),
-                reference: unsigned(element.attribute("valueReference")?)?,
+                reference: whole(element.attribute("valueReference")?)?,
                 description: text(element, "description"),
                 of_type,
                 causality,
@@ -425,7 +425,7 @@ fn size(element: &Element<'_>) -> Option<(u32, usize)> {
     if !is_constant && element.attribute("causality") != Some(causality) {
         return None;
     }
-    let reference = unsigned(element.attribute("valueReference")?)?;
+    let reference = whole(element.attribute("valueReference")?)?;
     Some((reference, whole(element.attribute("start")?)?))
 }
 
@@ -435,7 +435,7 @@ fn dimensions(element: &Element<'_>, sizes: &Sizes) -> Option<Vec<usize>> {
         .map(|dimension| match dimension.attribute("start") {
             Some(start) => whole(start),
             None => {
-                let reference = unsigned(dimension.attribute("valueReference")?)?;
+                let reference = whole(dimension.attribute("valueReference")?)?;
                 sizes.get(&reference).copied()
             }
         })

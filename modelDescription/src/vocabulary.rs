@@ -140,8 +140,8 @@ pub const LOG_CATEGORIES: [(&CStr, &str); 7] = [
     (c"logStatusWarning", "calls that are unusual, but worked"),
     (c"logStatusDiscard", "steps that were discarded, and changed nothing"),
     (c"logStatusFatal", "failures after which the instance is dead"),
-    (c"logEvents", "changes of the slave's state"),
-    (MODEL_CATEGORY, "what the model says"),
+    (c"logEvents", "state changes of the FMU"),
+    (MODEL_CATEGORY, "messages of the model"),
     (c"logAll", "all messages"),
 ];
 

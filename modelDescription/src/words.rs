@@ -30,11 +30,11 @@ const MODELICA: &str = "algorithm and annotation block break class connect conne
     within";
 
 /// Whether a tool for Modelica cannot have a variable of this name.
-pub fn is_of_modelica(name: &str) -> bool {
+pub fn is_reserved_in_modelica(name: &str) -> bool {
     MODELICA.split_whitespace().any(|word| word == name)
 }
 
 /// A name as tools for Modelica write it, with `_` for periods, brackets and the like.
-pub fn in_modelica(name: &str) -> String {
+pub fn modelica_name(name: &str) -> String {
     name.replace(|c: char| !c.is_alphanumeric(), "_")
 }

@@ -20,15 +20,15 @@ use wit_parser::{Resolve, TypeDefKind, WorldId, WorldItem};
 
 use crate::export::Draft;
 
-/// The interface; a test holds it against hosts of others.
+/// The interface; a test runs it in other vendors' hosts.
 const INTERFACE: &str = include_str!("component.wit");
 /// What an instance gets at [`Draft::WithPath`] alone.
 const PATH: &str = " resource-path: string,";
-/// How a library names the functions that do not get it.
+/// Suffix of the exports of a library that take no `resource-path`.
 const WITHOUT_PATH: &str = "_without_path";
 /// What a library imports that reads resources, which [`Draft::WithPath`] does not have.
 const READS: &str = "fmi:fmi3/resource-dir-callbacks@3.0.0";
-/// The encoder gives what is passed to a component inside of the component names that begin so.
+/// Prefix of the names that the encoder gives to the imports of nested components.
 const INNER: &str = "import-";
 
 /// Encodes the module of a library: for co-simulation, and for model exchange if one of its models is.
@@ -157,12 +157,12 @@ fn parts(data: &[u8]) -> Vec<Range<usize>> {
     parts
 }
 
-/// Gives the functions inside of a component short names, which no host sees, and drops what only debuggers
+/// Gives the functions inside a component short names, which no host sees, and drops what only debuggers
 /// read.
 struct Short<'a> {
     names: &'a BTreeMap<String, String>,
     exported: BTreeSet<&'a str>,
-    /// What components inside of the component import.
+    /// What components inside the component import.
     inner: BTreeMap<String, usize>,
 }
 
@@ -195,7 +195,7 @@ impl Reencode for Short<'_> {
 }
 
 impl Short<'_> {
-    /// A short name for what a component inside of the component imports.
+    /// A short name for what a component inside the component imports.
     fn inner(&mut self, name: &str) -> String {
         let next = self.inner.len();
         format!("i{}", self.inner.entry(name.to_owned()).or_insert(next))

@@ -40,7 +40,7 @@ impl Simulate for MyController {
         let integral = self.integral + self.ki * self.ts * error;
         let u = self.kp * error + integral;
         self.u = u.clamp(-self.u_max, self.u_max);
-        // Against windup, the integral is kept while the voltage is limited.
+        // Anti-windup: the integrator is held while the output saturates.
         if self.u == u {
             self.integral = integral;
         }
