@@ -200,18 +200,24 @@ pub struct Gauges {
     log: Log,
 }
 
-#[derive(Variables)]
-struct Gauge {
-    /// level
-    #[output(unit = "m")]
-    level: f64,
-    #[unsaved]
-    connection: Option<std::fs::File>,
+/// Structs can be written by macros, which pass types and values in groups.
+macro_rules! gauge {
+    ($name:ident, $of:ty, $start:expr) => {
+        #[derive(Variables)]
+        struct $name {
+            /// levels
+            #[output(unit = "m", start = $start)]
+            levels: $of,
+            #[unsaved]
+            connection: Option<std::fs::File>,
+        }
+    };
 }
+gauge!(Gauge, [[f64; 2]; 1], [[1, 2]]);
 
 impl Simulate for Gauges {
     fn step(&mut self, time: f64, _step: f64) -> Result<(), ModelError> {
-        self.gauge[1].level = time;
+        self.gauge[1].levels[0][1] = time;
         Ok(())
     }
 }
