@@ -157,19 +157,9 @@ pub fn whole<T: FromStr>(text: &str) -> Option<T> {
     trim(text).parse().ok()
 }
 
-/// Parses an `xs:int`.
-pub fn integer(text: &str) -> Option<i32> {
-    whole(text)
-}
-
-/// Parses an `xs:unsignedInt`.
-pub fn unsigned(text: &str) -> Option<u32> {
-    whole(text)
-}
-
 /// Parses a space-separated list of `xs:unsignedInt`.
 pub fn unsigneds(text: &str) -> Option<Vec<u32>> {
-    items(text).map(unsigned).collect()
+    items(text).map(whole).collect()
 }
 
 /// Parses an `xs:boolean`.
@@ -201,9 +191,9 @@ mod tests {
         for bad in ["", "inf", "nan", "1,5", "0x1", "1 2", "e", "1e", "infinity"] {
             assert!(real(bad).is_none(), "{bad}");
         }
-        assert_eq!(integer(" -7"), Some(-7));
-        assert_eq!(integer("2147483648"), None);
-        assert_eq!(unsigned("-1"), None);
+        assert_eq!(whole(" -7"), Some(-7));
+        assert_eq!(whole::<i32>("2147483648"), None);
+        assert_eq!(whole::<u32>("-1"), None);
         assert_eq!(unsigneds(" 1  2 "), Some(vec![1, 2]));
         assert_eq!(unsigneds(""), Some(vec![]));
         assert_eq!(boolean("True"), None);

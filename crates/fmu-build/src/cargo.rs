@@ -13,7 +13,8 @@ use cargo_metadata::{Artifact, CrateType, Message, Metadata};
 
 const ENCODED_RUSTFLAGS: &str = "CARGO_ENCODED_RUSTFLAGS";
 const SEPARATOR: &str = "\x1f";
-const RELEASE: &str = "release";
+/// The profile by default.
+pub const RELEASE: &str = "release";
 
 /// An FMU binary is small and fast, without the symbols of Rust. What a host calls at every step is
 /// compiled with the model; the rest of its libraries is optimized for size. The second value is for

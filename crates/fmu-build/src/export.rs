@@ -64,7 +64,7 @@ pub struct Options {
 /// How a WebAssembly component gets resources: the draft FMI-LS-WASM at one of its commits.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum Draft {
-    /// By a path, though it has no files.
+    /// By a path, although a component cannot open files.
     #[default]
     #[value(name = "c1aac17")]
     WithPath,
@@ -112,7 +112,7 @@ pub fn export(options: &Options, progress: &dyn Fn(Progress<'_>)) -> Result<Vec<
     versions.sort_unstable();
     versions.dedup();
     check_versions(options, &versions)?;
-    let profile = profile_settings(&options.selection.profile, &metadata)?;
+    let profile = profile_settings(options.selection.profile(), &metadata)?;
     let builders = versions.into_iter().map(|version| {
         Ok(Builder {
             options,
@@ -461,7 +461,7 @@ fn drop_replaced(built: &mut Vec<Binary<'_>>, prebuilt: &[Binary<'_>]) {
 #[cfg(feature = "wasm")]
 use crate::component::encode as component;
 
-/// Where this program cannot make a component.
+/// Stands in for the encoder in builds without the feature `wasm`.
 #[cfg(not(feature = "wasm"))]
 fn component(_: Vec<u8>, _: &[Description], _: Draft) -> Result<Vec<u8>> {
     bail!("this program was built without its feature `wasm`, which the target {TARGET_WASM} needs")

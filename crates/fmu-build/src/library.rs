@@ -8,10 +8,11 @@ use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
 use clap::Args;
 use fmu_description::{FmiVersion, Origin};
 
+use crate::cargo::RELEASE;
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
 
 /// Which packages to build, and how; the options mean the same as cargo's.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Options of cargo")]
 pub struct Selection {
     /// Manifest of the package or workspace [default: the one in the current folder]
@@ -30,21 +31,8 @@ pub struct Selection {
     #[arg(long)]
     pub no_default_features: bool,
     /// Profile to build with
-    #[arg(long, value_name = "NAME", default_value = "release")]
-    pub profile: String,
-}
-
-impl Default for Selection {
-    fn default() -> Self {
-        Self {
-            manifest_path: None,
-            packages: Vec::new(),
-            features: Vec::new(),
-            all_features: false,
-            no_default_features: false,
-            profile: "release".into(),
-        }
-    }
+    #[arg(long, value_name = "NAME", default_value = RELEASE)]
+    pub profile: Option<String>,
 }
 
 /// A package with a `cdylib` of models.
@@ -80,9 +68,14 @@ impl Selection {
         })
     }
 
+    /// The profile to build with.
+    pub fn profile(&self) -> &str {
+        self.profile.as_deref().unwrap_or(RELEASE)
+    }
+
     /// The options for cargo.
     pub fn cargo_arguments(&self) -> Vec<String> {
-        let mut arguments = vec!["--profile".to_owned(), self.profile.clone()];
+        let mut arguments = vec!["--profile".to_owned(), self.profile().to_owned()];
         if let Some(path) = &self.manifest_path {
             arguments.extend(["--manifest-path".to_owned(), path.display().to_string()]);
         }

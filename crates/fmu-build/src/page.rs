@@ -1,6 +1,6 @@
 //! The HTML page of a model. It is also well-formed XML, and needs no network, scripts or other files.
 
-use fmu_description::xml::Element;
+use fmu_description::xml::{Element, escape};
 use fmu_description::{Causality, DeclaredType, Item, ModelDescription};
 
 use crate::library::File;
@@ -25,7 +25,7 @@ pub fn html(
     let icon = icon.map_or(String::new(), |path| {
         format!("<img src=\"../{path}\" alt=\"\" width=\"64\" height=\"64\"/>\n")
     });
-    let title = if what.is_empty() { name.clone() } else { format!("{name}: {what}") };
+    let title = if what.is_empty() { name.to_string() } else { format!("{name}: {what}") };
     let version = model
         .root
         .attribute("version")
@@ -144,7 +144,7 @@ fn capabilities(model: &ModelDescription<'_>) -> String {
                         "false" => "no",
                         number => number,
                     };
-                    let (name, value) = (escape(name), escape(value));
+                    let (name, value) = (escape(*name), escape(value));
                     format!("<tr><th scope=\"row\">{name}</th><td>{value}</td></tr>\n")
                 })
                 .collect();
@@ -165,7 +165,7 @@ fn identity(root: &Element<'_>, licenses: &[File]) -> String {
             format!("<a href=\"{path}\">{name}</a>")
         })
         .collect();
-    let text = |name| root.attribute(name).map(escape);
+    let text = |name| Some(escape(root.attribute(name)?).into_owned());
     let license: Vec<String> = text("license").into_iter().chain(links).collect();
     let lines = [
         ("GUID", text("guid").or_else(|| text("instantiationToken"))),
@@ -189,25 +189,7 @@ fn cells<const N: usize>(tag: &str, texts: [impl AsRef<str>; N]) -> String {
 
 /// An attribute escaped for HTML; empty if missing.
 fn escaped(element: &Element<'_>, attribute: &str) -> String {
-    escape(element.attribute(attribute).unwrap_or_default())
-}
-
-/// Escapes a text for HTML, between tags or in a quoted attribute.
-fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped += "&amp;",
-            '<' => escaped += "&lt;",
-            '>' => escaped += "&gt;",
-            '"' => escaped += "&quot;",
-            '\'' => escaped += "&#39;",
-            // HTML cannot represent it.
-            c if c.is_control() && !c.is_whitespace() => escaped.push(char::REPLACEMENT_CHARACTER),
-            c => escaped.push(c),
-        }
-    }
-    escaped
+    escape(element.attribute(attribute).unwrap_or_default()).into_owned()
 }
 
 #[cfg(test)]

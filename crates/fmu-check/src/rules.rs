@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
 
-use fmu_description::value::{items, real, unsigned, whole};
+use fmu_description::value::{items, real, whole};
 use fmu_description::words::is_identifier;
 use fmu_description::xml::Element;
 use fmu_description::{
@@ -47,7 +47,7 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
 
 /// The index of the state that a variable is the derivative of.
 fn state_of(variable: &Listed<'_>, model: &ModelDescription<'_>) -> Option<usize> {
-    model.index(unsigned(variable.value.attribute("derivative")?)?)
+    model.index(whole(variable.value.attribute("derivative")?)?)
 }
 
 pub fn is_clocked(variable: &Listed<'_>) -> bool {
@@ -418,7 +418,7 @@ impl Check<'_> {
                 require!(self, "no-start" at variable, needs || !has,
                     "it has a start, expected none for initial calculated and the independent variable");
             }
-            if let Some(number) = variable.value.attribute("derivative").and_then(unsigned) {
+            if let Some(number) = variable.value.attribute("derivative").and_then(whole) {
                 match model.variable(model.index(number)) {
                     None => find!(self, "derivative-index" at variable,
                         "derivative is {number}, expected {}", self.reference()),
@@ -788,7 +788,7 @@ fn indices(unknowns: &[Unknown<'_>]) -> HashSet<usize> {
 impl Check<'_> {
     /// Checks the number of bytes of the start values of a Binary.
     fn start_size(&mut self, variable: &Listed<'_>) {
-        let max = variable.inherited("maxSize").and_then(unsigned);
+        let max = variable.inherited("maxSize").and_then(whole);
         let max = max.unwrap_or(u32::MAX);
         for start in variable.element.children("Start") {
             // Two digits a byte.
@@ -920,7 +920,7 @@ impl Check<'_> {
             clocks.is_none_or(|all| items(all).next().is_some()),
             "clocks is empty, expected value references of clocks");
         for clock in items(clocks.unwrap_or_default()) {
-            let of = unsigned(clock).and_then(|number| model.variable(model.index(number)));
+            let of = whole(clock).and_then(|number| model.variable(model.index(number)));
             require!(self, "clocks-exist" at variable, of.is_some_and(|of| of.of_type == Type::Clock),
                 "clocks has {clock}, expected value references of clocks");
         }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::value::{boolean, unsigned};
+use fmu_description::value::{boolean, whole};
 use fmu_description::xml::Element;
 use fmu_description::{
     Causality, FmiVersion, Listed, ModelDescription, Type, Unknown, Value, Variability,
@@ -238,7 +238,7 @@ impl<'a> Subject<'a> {
         let step = step.filter(|step| *step > 0.0 && *step <= span);
         let tolerance = model.experiment("tolerance").filter(|t| *t > 0.0);
         let in_2 = model.root.attribute("numberOfEventIndicators");
-        let in_2 = in_2.and_then(unsigned).unwrap_or(0) as usize;
+        let in_2 = in_2.and_then(whole::<u32>).unwrap_or(0) as usize;
         Ok(Self {
             start,
             stop,

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::hint::black_box;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::value::{integer, unsigned};
+use fmu_description::value::whole;
 use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Unknown, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Kind};
@@ -409,7 +409,7 @@ fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: &Value) -> Resul
 fn count(variable: &Listed<'_>, parameter: &Listed<'_>, size: &Value) -> Option<usize> {
     let mut dimensions = variable.dimensions.clone();
     for (dimension, n) in variable.element.children("Dimension").zip(&mut dimensions) {
-        let reference = dimension.attribute("valueReference").and_then(unsigned);
+        let reference = dimension.attribute("valueReference").and_then(whole);
         if reference == Some(parameter.reference) {
             *n = usize::try_from(size.as_whole()?).ok()?;
         }
@@ -802,7 +802,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
 pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
     let order = subject.element.attribute("maxOutputDerivativeOrder");
     let outputs = subject.reals(Causality::Output);
-    if order.and_then(integer).is_none_or(|order| order <= 0) || outputs.is_empty() {
+    if order.and_then(whole::<i32>).is_none_or(|order| order <= 0) || outputs.is_empty() {
         return Ok(());
     }
     let mut run = Run::begin(subject, subject.still())?;
