@@ -486,9 +486,14 @@ impl Experiment {
         Ok((steps + 1e-6).floor() as u64 + 1)
     }
 
+    /// The last communication point.
+    pub(crate) fn last(&self) -> Result<f64> {
+        Ok(self.time(self.steps()? - 1))
+    }
+
     /// Says so if the last communication point is before the stop time.
     pub(crate) fn note(&self) -> Result<Option<String>> {
-        let (last, stop) = (self.time(self.steps()? - 1), self.stop);
+        let (last, stop) = (self.last()?, self.stop);
         let is_short = stop - last > 1e-3 * self.step;
         Ok(is_short.then(|| {
             format!(

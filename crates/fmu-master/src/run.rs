@@ -69,7 +69,7 @@ pub fn work<P: Borrow<Plan>>(
     service.reply(&Report::Ready(Ready {
         components: plan.names(),
         experiment: plan.experiment,
-        end: plan.end(),
+        end: plan.experiment.last()? + plan.end() - plan.experiment.stop,
         columns: plan.columns.clone(),
         notes: plan.notes.clone(),
     }));

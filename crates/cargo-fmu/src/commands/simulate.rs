@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
-use anyhow::{Error, Result, bail};
+use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Args;
 use fmu_description::Value;
 use fmu_file::replace;
@@ -50,7 +50,8 @@ pub struct SimulateArgs {
 /// The file of the results; devices have no ending.
 fn results(file: &str) -> Result<PathBuf, &'static str> {
     let file = PathBuf::from(file);
-    let is_table = file.extension().is_none() || Format::of(&file).is_some();
+    let is_device = !file.as_os_str().is_empty() && file.extension().is_none();
+    let is_table = is_device || Format::of(&file).is_some();
     is_table.then_some(file).ok_or("expected a name that ends in .csv or .parquet")
 }
 
@@ -85,6 +86,7 @@ pub fn supervise(
     worker: &mut Command,
     out: &mut impl Write,
 ) -> Result<ExitCode> {
+    args.check_files()?;
     let limits = args.limited.limits(1)?;
     let mut worker = Worker::start(worker, session.folder(), limits)?;
     let progress = Progress::new()?;
@@ -138,6 +140,22 @@ pub fn supervise(
 }
 
 impl SimulateArgs {
+    /// Checks before the run what would be found after it.
+    fn check_files(&self) -> Result<()> {
+        for file in self.changes.input.iter().chain(&self.over) {
+            let read = file.canonicalize();
+            let read = read.with_context(|| format!("cannot read {}", file.display()))?;
+            let mut written = self.csv.iter().chain(&self.page.file);
+            let is_lost = written.any(|file| file.canonicalize().is_ok_and(|file| file == read));
+            ensure!(!is_lost, "{} is read, expected another file to write to", file.display());
+        }
+        let folder = self.page.file.as_deref().and_then(Path::parent);
+        match folder.filter(|folder| *folder != Path::new("") && !folder.is_dir()) {
+            Some(folder) => bail!("there is no folder {} for the page", folder.display()),
+            None => Ok(()),
+        }
+    }
+
     /// The model, unless it is a system file.
     pub fn model(&self) -> Option<String> {
         let is_system = self.system.extension().is_some_and(|extension| extension == "toml");

@@ -92,6 +92,7 @@ pub fn check(
             let folders = Vec::from_iter(platforms.iter().map(|platform| platform.folder));
             let text = match interfaces {
                 [None, None] => "there is no interface type that is tested".into(),
+                _ if folders.is_empty() => "--sandbox allows components only".into(),
                 _ => format!("there is none for this machine ({})", folders.join(", ")),
             };
             find!(findings, "binary-not-run" at "binaries", "{text}; no binary was run");
