@@ -84,7 +84,7 @@ def test_an_fmu_that_ends_the_process_is_named_and_its_rows_are_kept(folder, fau
 
 def test_a_complete_run_replaces_the_file_and_what_was_kept(folder):
     simulated(folder, "CRASH")
-    assert simulated(folder, "").stderr == ""
+    assert simulated(folder, "NONE").stderr == ""
     assert len(read_csv(folder / "out.csv")["time"]) == 1001
     assert not (folder / "out.csv.part").exists()
 
@@ -172,7 +172,7 @@ def test_a_killed_supervisor_takes_its_worker_along(folder):
 
 
 def test_the_next_command_removes_what_killed_sweeps_have_left_though_workers_still_write(folder):
-    sweep_file(folder, 1000, "", 0.005)
+    sweep_file(folder, 1000, "NONE", 0.005)
     command = [PROGRAM, "sweep", "sweep.toml", "--out=runs.csv", "--threads=2"]
     for _ in range(5):
         with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL) as process:
