@@ -217,7 +217,7 @@ def test_one_fmu_gives_the_bits_of_simulate_fmu(tmp_path):
     fmu, file = FMUS / "Pid.fmu", tmp_path / "input.csv"
     file.write_text(TABLE)
     columnar = tmp_path / "input.parquet"
-    pyarrow.parquet.write_table(pyarrow.csv.read_csv(file), columnar, compression="none")
+    pyarrow.parquet.write_table(pyarrow.csv.read_csv(file), columnar)
     options = ("--stop=1", "--set=pid.kp=10", "--output=u", "--output=e")
     columns, again = (simulate(fmu, tmp_path, "--input", f, *options) for f in (file, columnar))
     rows = [tuple(map(float, line.split(","))) for line in TABLE.splitlines()[1:]]
