@@ -122,10 +122,15 @@ def test_compare_names_and_draws_the_first_planted_difference(fmus, tmp_path):
     lines = found.plot().axes[0].lines
     assert [line.get_ydata()[20] for line in lines[:2]] == list(values)
     assert lines[2].get_xdata() == [run["time"][20]] * 2
-    with pytest.raises(FmuError, match="the second has no variable omega"):
-        compare(run, {"time": run["time"], "theta": run["theta"]})
-    with pytest.raises(FmuError, match="hold: the reference has no variable y"):
-        compare(run, other, hold=["y"])
+    short = {"time": [0.0, 1.0], "a": [1.0]}
+    for tables, options, message in (
+        ((run, {"time": run["time"], "theta": run["theta"]}), {}, "the second has no variable ome"),
+        ((run, other), {"hold": ["y"]}, "hold: the reference has no variable y"),
+        ((run, other), {"relative": np.nan}, "the relative tolerance is NaN, expected"),
+        ((short, short), {}, "a has 1 values, expected 2, as time has"),
+    ):
+        with pytest.raises(FmuError, match=message):
+            compare(*tables, **options)
 
 
 # --- tuning ---------------------------------------------------------------------------------------

@@ -53,14 +53,20 @@ impl Difference {
 /// tables, or for whose name `holds` is true, keep their value until the next row, as do Booleans and texts.
 ///
 /// # Errors
-/// A table has no times, or the second lacks a variable, or has it in another unit, or ends at another time.
+/// A tolerance is invalid, a table has no times, the first has nothing else, or the second lacks a variable, or
+/// has it in another unit, or ends at another time.
 pub fn compare(
     [a, b]: [&[Series]; 2],
     tolerance: Tolerance,
     holds: impl Fn(&str) -> bool,
 ) -> Result<Vec<Difference>> {
+    for (name, value) in [("absolute", tolerance.absolute), ("relative", tolerance.relative)] {
+        let fits = value.is_finite() && value >= 0.0;
+        ensure!(fits, "the {name} tolerance is {value}, expected a finite number of at least 0");
+    }
     let of_a = times(a).context("the first table")?;
     let of_b = times(b).context("the second table")?;
+    ensure!(a.len() > 1, "the first has no variables to compare, only times");
     let ends = |times: &[f64]| (times[0], times[times.len() - 1]);
     let ((first_a, last_a), (first_b, last_b)) = (ends(&of_a), ends(&of_b));
     let same = rounding(last_a, first_a);

@@ -102,7 +102,7 @@ pub(super) fn value(field: &str) -> Value {
 /// The times of a table, its first column.
 ///
 /// # Errors
-/// There is none, or one is not a finite number or is before another.
+/// There is none, or one is not a finite number or is before another, or a column has more or fewer values.
 pub fn times(table: &[Series]) -> Result<Vec<f64>> {
     let series = table.first().context("there is no column, expected time")?;
     ensure!(series.name == "time", "the first column is {:?}, expected time", series.name);
@@ -115,6 +115,10 @@ pub fn times(table: &[Series]) -> Result<Vec<f64>> {
         times.push(time);
     }
     ensure!(!times.is_empty(), "there is no row, expected at least one");
+    for Series { name, cells, .. } in table {
+        let (found, rows) = (cells.len(), times.len());
+        ensure!(found == rows, "{name} has {found} values, expected {rows}, as time has");
+    }
     Ok(times)
 }
 
