@@ -205,7 +205,8 @@ def test_a_progress_bar_moves(capsys):
 
 def test_messages_name_what_python_has(loop, tmp_path):
     loop["component"] = [dict(part) for part in loop["component"]]
-    (note,) = System({**loop, "stop": 0.01}).simulate().notes
+    note, short = System({**loop, "stop": 0.0115}).simulate().notes
+    assert short.startswith("the step size does not divide the run: it ends at t = 0.011")
     assert note.startswith(
         "sampled, because all outputs are discrete: controller; `sampled=False` "
     )
@@ -223,6 +224,7 @@ def test_messages_name_what_python_has(loop, tmp_path):
         ({"u": [1.0]}, r"input = u, expected also a column time \[s\]"),
         ({"r": lambda t: t, "u": [1.0]}, r"input = r, u, expected also a column time \[s\]"),
         ({"time": [0.0, 1.0], "u": [1.0]}, r"input u: 1 values, expected 2"),
+        ({"time": [0.0, 1.0], "u": [1.0, "x"]}, r"^input: row 2: u is x, expected a number"),
     ):
         with pytest.raises(FmuError, match=message):
             simulate(PENDULUM, input=given)
@@ -237,10 +239,22 @@ def test_what_does_not_fit_is_named(fmus):
         ({"start_values": {"m0": 1}}, "has no variable m0"),
         ({"stop_time": -1.0}, "stop = -1.0, expected at least start = 0.0"),
         ({"interface": "scripted"}, 'interface = "scripted": .* expected `co-simulation` or'),
-        ({"step_size": "small"}, 'step = "small": .* expected f64'),
+        ({"step_size": "small"}, 'step = "small": .* expected a number'),
+        ({"start_values": {1: 2}}, r"start values {1: 2}, expected a dict from names to values"),
+        ({"start_values": [1]}, r"start values \[1\], expected a dict from names to values"),
+        ({"output": "y"}, "has no variable y"),
+        ({"filename": None}, "^None, expected the file of a system, or its keys"),
+        ({"filename": 3}, "^3, expected the file of a system, or its keys"),
     ):
-        with pytest.raises(FmuError, match=message):
-            simulate(PENDULUM, **options)
+        with pytest.raises((FmuError, TypeError), match=message):
+            simulate(**{"filename": PENDULUM} | options)
+    for keys, message in (
+        ({}, "components = {}, expected a dict from names to FMUs"),
+        ({"components": [PENDULUM]}, r"components = \['.*'\], expected a dict from names to FMUs"),
+        ({"components": {"a": PENDULUM}, "connections": "a.y -> a.u"}, "has no variable y"),
+    ):
+        with pytest.raises((FmuError, TypeError), match=message):
+            System(**keys, step=0.1, stop=1.0).simulate()
     seeds = pytest.raises(FmuError, match="the seed has 1 numbers, expected 2")
     with Instance(PENDULUM, in_process=True) as plant, seeds:
         plant.directional_derivative(["omega"], ["u", "theta"], [1.0])
@@ -488,8 +502,13 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
         distributed = Sweep(plan, system, signals=SIGNALS).dask(client)
     for name in runs:
         np.testing.assert_array_equal(distributed[name], runs[name])
-    with pytest.raises(FmuError, match="has no variable kp"):
-        sweep({"controller.kp": [200.0]}, system, signals=SIGNALS)
+    for changes, message in (
+        ({"plan": {"controller.kp": [200.0]}}, "^sweep: controller.kp: .*has no variable kp"),
+        ({"plan": plan | {"plant.M": [1.0]}}, "^sweep: together = .* expected lists of the same"),
+        ({"processes": -1}, "processes = -1, expected at least 0"),
+    ):
+        with pytest.raises((FmuError, ValueError), match=message):
+            sweep(**{"plan": plan, "system": system, "signals": SIGNALS} | changes)
 
 
 def test_a_run_that_crashes_is_a_row_of_a_sweep_of_a_frame_also_on_dask(faulty):

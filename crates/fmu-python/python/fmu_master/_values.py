@@ -42,8 +42,16 @@ def _pairs(table: Mapping[str, Any]) -> list[str]:
     return [f"{names[key]} = {toml(part)}" for key, part in table.items() if part is not None]
 
 
+def one_or_more(given: Any) -> list[Any]:
+    """Return a list, in which a text alone is the only one."""
+    return [given] if isinstance(given, str) else list(given)
+
+
 def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Return start values by name; those of arrays by the names of the elements."""
+    names = values.keys() if hasattr(values, "keys") else (None,)
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError(f"start values {values!r}, expected a dict from names to values")
     for name, value in values.items():
         if isinstance(value, float | int | str) or np.ndim(value) == 0:
             yield name, value

@@ -94,17 +94,16 @@ class Instance:
         name: str | None = None,
         in_process: bool = False,
     ):
-        given = dict(start_values or {})
         setup: dict[str, Any] = {
             "name": name,
             "interface": interface,
             "start": start_time,
             "tolerance": tolerance,
         }
-        setup |= {"file": Path(filename).absolute(), "sizes": texts(given)}
+        setup |= {"file": Path(filename).absolute(), "sizes": texts(start_values or {})}
         self._native = _native.Instance(document(setup), [] if in_process else WORKER)
         self._time: float = start_time
-        self._starts: dict[str, Any] = given
+        self._starts: dict[str, Any] = dict(start_values or {})
         self._is_initialized = False
         self._scalars: dict[str, list[int]] = {}
 

@@ -25,8 +25,11 @@ _WORDS = {
     "--sampled false records": "`sampled=False` of a component records",
     "--output can record": "`output` can name",
     "another --out": "another `out`",
+    "expected f64": "expected a number",
+    r"(fmu-master-\S+: )TOML parse error .*\n.*\n\d+ \| (.*)\n.*\n": r"\1\2: ",
+    r"\S*[/\\]fmu-master-\w+[/\\](\w+)\.\w+(:\d+)?": r"\1",
 }
-"""What the messages of the command line advise, and the same in Python."""
+"""What the command line advises, or files that nobody wrote, and what Python says instead."""
 
 
 def in_python(text: str) -> str:

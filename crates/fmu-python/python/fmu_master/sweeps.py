@@ -98,6 +98,8 @@ class Sweep:
 
     def run(self, processes: int = 0) -> Result:
         """Run the sweep in worker processes, by default one for each core; return the table."""
+        if processes < 0:
+            raise ValueError(f"processes = {processes}, expected at least 0")
         with self.files() as arguments, self.table() as out:
             command = [*COMMAND, "sweep", *arguments, f"--out={out}", f"--threads={processes}"]
             done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -17,7 +17,7 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
-from ._values import document, elements, texts, toml
+from ._values import document, elements, one_or_more, texts, toml
 from .components import PythonComponent
 from .result import FmuError, Result
 
@@ -58,6 +58,8 @@ class System:
         self.file: Path = Path("system.toml").absolute()
         self.description: dict[str, Any] | None = None
         self._runners: dict[bool, _native.Runner] | None = None
+        if not isinstance(description or keys or None, Mapping | str | os.PathLike):
+            raise TypeError(f"{description!r}, expected the file of a system, or its keys")
         if isinstance(description, str | os.PathLike):
             self.file = Path(description).absolute()
             if keys:
@@ -171,7 +173,7 @@ class System:
             "step": step_size,
             "order": order,
             "tolerance": tolerance,
-            "outputs": list(output or ()),
+            "outputs": one_or_more(output or ()),
             "interface": interface,
         }
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
@@ -271,14 +273,16 @@ def is_fmu(file: str | os.PathLike[str]) -> bool:
 def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return a description with the keys of a system file, and absolute paths."""
     normal = dict(description)
-    components = normal.pop("components", None)
-    if components is not None:
+    components = normal.pop("components", {})
+    if not isinstance(components, Mapping) or not (components or normal.get("component")):
+        raise TypeError(f"components = {components!r}, expected a dict from names to FMUs")
+    if components:
         tables = []
         for name, about in components.items():
             table = dict(about) if isinstance(about, Mapping) else {"fmu": about}
             tables.append({"name": name, **table})
         normal["component"] = tables
-    pairs = normal.get("connections", ())
+    pairs = one_or_more(normal.get("connections", ()))
     normal["connections"] = [" -> ".join(p) if isinstance(p, tuple | list) else p for p in pairs]
     if "input" in normal:
         normal["input"] = folder / normal["input"]
