@@ -6,6 +6,7 @@ import resource
 import subprocess
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -374,16 +375,20 @@ def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus, 
         step=0.01,
         stop=1.0,
     )
-    env = FmuEnv(
+    make = partial(
+        FmuEnv,
         loop if prefix else plant,
         actions={f"{prefix}u": (-100.0, 100.0)},
         observations={f"{prefix}theta": (-0.2, 0.2), f"{prefix}omega": (-5.0, 5.0)},
         reward=lambda observation, action: -(observation[0] ** 2),
-        step_size=0.01,
         stop_time=0.5,
         start=lambda random: {f"{prefix}theta0": random.uniform(-0.05, 0.05)},
         in_process=in_process,
     )
+    if prefix:
+        with pytest.raises(ValueError, match=r"step_size = 0.015, expected a multiple of 0.01 s"):
+            make(step_size=0.015).reset()
+    env = make(step_size=0.01)
     check_env(env, skip_render_check=True)
     first, _ = env.reset(seed=5)
     np.testing.assert_array_equal(env.reset(seed=5)[0], first)

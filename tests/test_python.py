@@ -455,9 +455,10 @@ def test_what_does_not_fit_a_component_in_python_is_named(loop):
         ({"step": lambda t, u: None}, "TypeError: None is no number, Boolean, text or bytes"),
         ({"step": abs, "sample_time": 1e-4}, "sample_time = 0.0001 of actuator, expected at least"),
         ({"step": abs, "types": {"u": "Int8"}}, 'type of actuator.u: "Int8", expected "Float64"'),
+        ({"step": abs, "types": {"g": "Int64"}}, "g has a unit or type, but is no input or output"),
         ({"step": abs, "units": {"f": "m"}}, r"actuator.f \[m\] cannot feed plant.u \[N\]"),
     ):
-        with pytest.raises(FmuError, match=message):
+        with pytest.raises((FmuError, ValueError), match=message):
             passing(loop, **component).simulate()
     connections = ["controller.u -> actuator.v", "actuator.f -> plant.u"]
     system = System({**passing(loop, step=abs).description, "connections": connections})

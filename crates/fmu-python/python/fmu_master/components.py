@@ -65,6 +65,8 @@ def python_component(
     --------
     >>> controller = python_component(["y"], ["u"], lambda t, y: -30.0 * y)
     """
+    if unknown := {*(units or {}), *(types or {})} - {*inputs, *outputs}:
+        raise ValueError(f"{min(unknown)} has a unit or type, but is no input or output")
     return PythonComponent(
         tuple(inputs), tuple(outputs), step, sample_time, units or {}, types or {}, reset
     )

@@ -150,6 +150,8 @@ class _Loop:
             connections=[*keys.get("connections", ()), *links],
         )
         start, _, step = system.times()
+        if not np.isclose(env._step_size / step % 1, [0, 1], rtol=0, atol=1e-6).any():
+            raise ValueError(f"step_size = {env._step_size}, expected a multiple of {step} s")
         stop = start + env._step_size * (env._steps + 1) + step
         options = {"stop_time": stop, "in_process": env._in_process}
         arguments = (observed, system, starts, options)
