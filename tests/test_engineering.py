@@ -284,6 +284,16 @@ def test_linearize_at_a_point_of_a_run_differentiates_the_nonlinear_plant(fmus, 
     np.testing.assert_allclose(other.C, model.C, atol=1e-9)
 
 
+def test_what_does_not_fit_a_linear_model_is_named(fmus):
+    for options, message in (
+        ({"inputs": ["theta"]}, "theta has the causality output, expected an input"),
+        ({"time": -1.0}, r"time = -1.0, expected at least 0 s"),
+        ({"time": 1.0, "step_size": 0.0}, "step_size = 0.0, expected a positive number"),
+    ):
+        with pytest.raises((FmuError, ValueError), match=message):
+            linearize(fmus / "Pendulum.fmu", **options)
+
+
 def test_the_linear_model_reaches_scipy_and_python_control(fmus):
     model = linearize(fmus / "Pendulum.fmu", outputs=["theta"])
     frequency = 3.0
@@ -356,6 +366,11 @@ def test_linearize_gives_the_loop_of_the_linear_plant_and_a_pid(fmus):
         FmuError, match=r"does not respond to controller\.r in proportion to pulses"
     ):
         linearize(loop, deviation=1e-3, **names)  # the force is limited to 100 N
+    # Only the integral of e is in proportion.
+    with pytest.raises(FmuError, match=r"plant\.theta does not respond to controller\.r in prop"):
+        linearize(loop, deviation=100.0, inputs="controller.r", outputs="plant.theta")
+    with pytest.raises(ValueError, match="deviation = 0, expected a positive number"):
+        linearize(loop, deviation=0, **names)
     start = {"plant.theta0": 0.3, "plant.dynamics": "nonlinear"}
     with pytest.raises(FmuError, match=r"differ by .* from those of a linear model"):
         linearize(loop, start_values=start, inputs=["plant.u"], outputs=["plant.theta"])

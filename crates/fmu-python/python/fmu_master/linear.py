@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ._values import one_or_more
 from .instance import Instance
 from .responses import Signals, realize, respond
 from .result import FmuError
@@ -77,11 +78,8 @@ class Linear:
         import control
 
         # python-control uses dots for the names of subsystems.
-        names = {
-            "states": [name.replace(".", "_") for name in self.states],
-            "inputs": [name.replace(".", "_") for name in self.inputs],
-            "outputs": [name.replace(".", "_") for name in self.outputs],
-        }
+        groups = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        names = {key: [n.replace(".", "_") for n in group] for key, group in groups.items()}
         return control.ss(self.A, self.B, self.C, self.D, dt=self.step or 0, **names)
 
     def bode(self, frequencies: Sequence[float] | None = None) -> Figure:
@@ -161,13 +159,16 @@ def linearize(
         The FMU does not support model exchange, or fails; or no linear model responds in the same
         way as the system.
     """
+    for name, value in {"step_size": step_size, "deviation": deviation}.items():
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name} = {value}, expected a positive number")
+    inputs, outputs = (n if n is None else one_or_more(n) for n in (inputs, outputs))
     if not isinstance(system, System) and is_fmu(system):
-        signals = input or {}
-        return _of_fmu(system, time, inputs, outputs, start_values, signals, step_size)
+        return _of_fmu(system, time, inputs, outputs, start_values, input or {}, step_size)
     if not inputs or not outputs:
         raise ValueError("expected the names of inputs and outputs of the system")
     system = system if isinstance(system, System) else System(system)
-    about = (inputs, outputs, start_values or {}, input or {}, deviation)
+    about = (inputs, outputs, start_values or {}, input or {}, deviation, tolerance)
     responses, at, step = respond(system, time, *about)
     matrices = realize(responses, tolerance)
     states = tuple(f"x{number + 1}" for number in range(len(matrices[0])))
@@ -184,14 +185,20 @@ def _of_fmu(
     step_size: float,
 ) -> Linear:
     """Return the linear model of an FMU for model exchange."""
+    if time is not None and not 0 <= time < np.inf:
+        raise ValueError(f"time = {time}, expected at least 0 s")
     with Instance(filename, "model-exchange", start_values) as fmu:
         steps = 0 if time is None else round(time / step_size)
         for _ in range(steps):
             fmu.set({name: function(fmu.time) for name, function in signals.items()})
             fmu.step(step_size)
         fmu.set({name: function(fmu.time) for name, function in signals.items()})
-        names = [_continuous(fmu, "input") if inputs is None else list(inputs)]
-        names.append(_continuous(fmu, "output") if outputs is None else list(outputs))
+        names = [_continuous(fmu, "input") if inputs is None else inputs]
+        names.append(_continuous(fmu, "output") if outputs is None else outputs)
+        for name in names[0]:
+            found = fmu.variables.get(name) or fmu.variables.get(name.rpartition("[")[0])
+            if found is not None and found.causality != "input":
+                raise FmuError(f"{name} has the causality {found.causality}, expected an input")
         pairs, are_directional = fmu._native.equations()
         states = [state for state, _ in pairs]
         if any(fmu.variables[name].dimensions for name in states):
