@@ -3,6 +3,7 @@
 import dataclasses
 import re
 import resource
+import shutil
 import subprocess
 import sys
 import threading
@@ -161,7 +162,7 @@ def tuned(fmus: Path, **options) -> Tuned:
     )
 
 
-def test_tune_finds_the_parameter_of_the_closed_form(fmus, tmp_path):
+def test_tune_finds_the_parameter_of_the_closed_form(fmus, tmp_path, monkeypatch):
     expected = 0.05 / scipy.linalg.expm(PLANT * SECONDS)[0, 0]
     journal = tmp_path / "search.journal"
     whole = tuned(fmus, journal=journal)
@@ -169,7 +170,8 @@ def test_tune_finds_the_parameter_of_the_closed_form(fmus, tmp_path):
     # An interrupted search goes on where it was, from an incomplete line.
     lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
     journal.write_text("".join([*lines[:40], lines[40][:20]]), encoding="utf-8")
-    # As a full disk.
+    # As a full disk, on which the FMU that is checked before is.
+    monkeypatch.setattr(System, "_check", lambda *_, **__: None)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     with pytest.raises(OSError, match="too large"):
@@ -181,6 +183,31 @@ def test_tune_finds_the_parameter_of_the_closed_form(fmus, tmp_path):
     assert set(journal.read_text(encoding="utf-8").splitlines(keepends=True)) == set(lines)
     with pytest.raises(ValueError, match="is the journal of another search"):
         tuned(fmus, journal=journal, seed=4)
+
+
+def test_a_journal_fits_only_the_same_fmus_and_its_damage_is_found(fmus, tmp_path):
+    fmu, journal = tmp_path / "Pendulum.fmu", tmp_path / "search.journal"
+    shutil.copy(fmus / "Pendulum.fmu", fmu)
+    tuned(tmp_path, journal=journal, generations=0)
+    with journal.open("a", encoding="utf-8") as file:
+        file.write("garbage\n")
+    with pytest.raises(ValueError, match=r"search\.journal:\d+: 'garbage', expected parameters"):
+        tuned(tmp_path, journal=journal, generations=0)
+    shutil.copy(fmus / "Pendulum_fmi3.fmu", fmu)
+    with pytest.raises(ValueError, match="is the journal of another search"):
+        tuned(tmp_path, journal=journal, generations=0)
+
+
+def test_tune_says_what_no_run_can_have_and_why_all_fail(fmus, tmp_path):
+    all_fail = {"cases": [{"plant.M": -1.0}], "journal": tmp_path / "search.journal"}
+    for options, message in (
+        ({"cases": [{}, {"plant.m0": 1.0}]}, "has no variable m0"),
+        ({"plants": [{"plant.dynamics": 1.0}]}, 'plant.dynamics = "1.0" is invalid'),
+        ({"output": "plant.y"}, "has no variable y"),
+        *[(all_fail, "all runs fail, such as that with .*: plant .*, M = -1.0: .* is refused")] * 2,
+    ):
+        with pytest.raises(FmuError, match=message):
+            tuned(fmus, generations=0, **options)
 
 
 def test_tune_does_not_depend_on_the_number_of_cores(fmus, monkeypatch):

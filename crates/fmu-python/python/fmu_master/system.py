@@ -105,7 +105,12 @@ class System:
 
     def times(self) -> tuple[float, float, float]:
         """Return the start time, the stop time and the communication step [s]."""
-        return _native.times(self._given({}))
+        return self._check({})
+
+    def _check(self, start_values: Mapping[str, Any], **changes: Any) -> tuple[float, float, float]:
+        """Raise what a run would before its first step; return the times as `times` does."""
+        changes["outputs"] = one_or_more(changes.get("outputs") or ())
+        return _native.times(self._given(changes, texts(start_values)))
 
     def _given(self, changes: Mapping[str, Any], sets: Sequence[tuple[str, str]] = ()) -> str:
         """Return what the native module needs of the system."""

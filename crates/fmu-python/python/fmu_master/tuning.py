@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .components import PythonComponent
 from .result import FmuError, Result
 from .system import System
 
@@ -93,7 +94,9 @@ def tune(
     Raises
     ------
     ValueError
-        The journal belongs to another search, or a range or guess is invalid.
+        The journal belongs to another search or is damaged, or a range or guess is invalid.
+    FmuError
+        There is no such variable, a value has the wrong type, or all runs fail.
     """
     from scipy.optimize import differential_evolution
 
@@ -107,11 +110,8 @@ def tune(
         if guess is not None and not low <= guess.get(name, math.nan) <= high:
             raise ValueError(f"{name}: the guess {guess.get(name)} is not from {low} to {high}")
     are_log = [low > 0 for low, _ in parameters.values()]
-    scaled = [
-        math.log(value) if is_log else value
-        for bounds, is_log in zip(parameters.values(), are_log, strict=True)
-        for value in bounds
-    ]
+    ranges = zip(parameters.values(), are_log, strict=True)
+    scaled = [[math.log(value) if is_log else value for value in r] for r, is_log in ranges]
     best = math.inf
 
     def named(x: Iterable[float]) -> dict[str, float]:
@@ -127,17 +127,17 @@ def tune(
         values = named(x)
         key = json.dumps([value.hex() for value in values.values()])
         if key not in known:
-            known[key] = value = judge(values)
-            note(key, value)
-        return known[key]
+            try:
+                known[key] = judge(values)
+            except FmuError:
+                known[key] = math.nan
+            note(key, known[key])
+        return math.inf if math.isnan(known[key]) else known[key]
 
     def judge(values: Mapping[str, float]) -> float:
-        try:
-            value = float(objective([run(values, case) for case in cases]))
-            # Other plants take time; they matter for what would be the best only.
-            if value < best and not all(accepts(run(values, cases[0], p)) for p in plants):
-                return math.inf
-        except FmuError:
+        value = float(objective([run(values, case) for case in cases]))
+        # Other plants take time; they matter for what would be the best only.
+        if value < best and not all(accepts(run(values, cases[0], p)) for p in plants):
             return math.inf
         return math.inf if math.isnan(value) else value
 
@@ -145,6 +145,10 @@ def tune(
         nonlocal best
         best = float(intermediate_result.fun)
 
+    middle = named(np.mean(scaled, axis=1)) if guess is None else guess
+    # A name that does not exist is no failure of single candidates.
+    for starts in (*cases, *({**cases[0], **plant} for plant in plants)):
+        system._check({**starts, **middle}, stop=stop_time, outputs=output)
     about = [{n: list(b) for n, b in parameters.items()}, dict(guess or {}), seed, list(cases)]
     known, note = _journal(journal, [*about, list(plants), _identity(system), stop_time])
     start = None
@@ -157,7 +161,7 @@ def tune(
             best = evaluate(np.array(start))
         found = differential_evolution(
             evaluate,
-            np.reshape(scaled, (-1, 2)),
+            scaled,
             x0=start,
             popsize=10,
             maxiter=generations,
@@ -168,14 +172,23 @@ def tune(
             updating="deferred",
             workers=pool.map,
         )
-    return Tuned(named(found.x), float(found.fun), int(found.nfev))
+        values = named(found.x)
+        if all(map(math.isnan, known.values())):
+            try:
+                judge(values)
+            except FmuError as error:
+                raise FmuError(f"all runs fail, such as that with {values}: {error}") from error
+    return Tuned(values, float(found.fun), int(found.nfev))
 
 
-def _identity(system: System) -> str:
-    """Return the text of a description, or a hash of a file."""
-    if system.description is not None:
-        return system._text()
-    return hashlib.sha256(system.file.read_bytes()).hexdigest()
+def _identity(system: System) -> list[str]:
+    """Return the text of a description, and hashes of the files."""
+    is_text = system.description is not None
+    texts, files = ([system._text()], []) if is_text else ([], [system.file])
+    if is_text or system.file.suffix == ".toml":
+        parts = [table["fmu"] for table in system.keys()["component"]]
+        files += [system.file.parent / p for p in parts if not isinstance(p, PythonComponent)]
+    return texts + [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
 
 
 def _journal(
@@ -189,12 +202,16 @@ def _journal(
     head = f"{json.dumps(about, default=lambda value: value.tolist())}\n".encode()
     content = path.read_bytes() if path.exists() else b""
     if not head.startswith(content[: len(head)]):
-        raise ValueError(f"{path} is the journal of another search, expected one of this search")
+        raise ValueError(f"{path} is the journal of another search, or of one of other FMUs")
     # The last line of an interrupted search may be incomplete.
     complete = content[: content.rfind(b"\n") + 1]
-    for line in complete.decode().splitlines()[1:]:
-        key, value = line.split("\t")
-        known[key] = float.fromhex(value)
+    for number, line in enumerate(complete.decode(errors="replace").split("\n")[1:-1], 2):
+        key, _, value = line.partition("\t")
+        try:
+            known[key] = float.fromhex(value)
+        except ValueError:
+            expected = "expected parameters and an objective"
+            raise ValueError(f"{path}:{number}: {line!r}, {expected}") from None
     with path.open("ab") as journal:
         journal.truncate(len(complete))
         journal.write(b"" if complete else head)
