@@ -445,7 +445,7 @@ impl<'a> Component<'a> {
 }
 
 impl Drop for Component<'_> {
-    /// Records that the FMU is about to be called; the field `instance` frees it.
+    /// Records that the FMU is about to be called; the field `calling` frees it.
     fn drop(&mut self) {
         self.calling.calls.begin(Function::of(self.fmu.version, "free_instance"));
     }

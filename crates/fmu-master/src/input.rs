@@ -54,6 +54,9 @@ impl Input {
             let is_input = variable.causality == Causality::Input;
             ensure!(is_input, "{name} is {}, expected an input", plan::text(variable.causality));
             ensure!(taken.insert(port), "{name} is connected, or has two columns");
+            let (found, unit) = (&series.unit, variable.unit.as_deref().unwrap_or_default());
+            let is_same = found == unit || found.is_empty() || unit.is_empty();
+            ensure!(is_same, "{name} is in {found}, expected {unit}");
             let is_continuous = variable.variability == Variability::Continuous;
             let kind = variable.of_type;
             Ok(Fed {

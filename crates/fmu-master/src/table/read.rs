@@ -102,10 +102,11 @@ pub(super) fn value(field: &str) -> Value {
 /// The times of a table, its first column.
 ///
 /// # Errors
-/// There is none, or one is not a finite number or is before another, or a column has more or fewer values.
+/// There is none, or it is not in seconds, or a time is not a finite number or is before another, or a column has more or fewer values.
 pub fn times(table: &[Series]) -> Result<Vec<f64>> {
     let series = table.first().context("there is no column, expected time")?;
     ensure!(series.name == "time", "the first column is {:?}, expected time", series.name);
+    ensure!(matches!(&*series.unit, "" | "s"), "time is in {}, expected s", series.unit);
     let mut times = Vec::with_capacity(series.cells.len());
     for row in 0..series.cells.len() {
         let time = series.number(row).filter(|time| time.is_finite());
