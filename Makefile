@@ -67,9 +67,7 @@ check:
 	cargo test --locked --quiet $(RUST)
 
 ## test: run `make check`, `make lint` and all Python tests
-# Linking, tests of one thread and waiting leave a core idle, unless two jobs run at a time.
-test: $(VENV)/.test
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=line check lint fmus module page
+test: check lint fmus module page
 	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
 ## lint: check documentation and licences of the crates, the benchmarks, the Python code and the workflows
