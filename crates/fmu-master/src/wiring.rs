@@ -383,6 +383,7 @@ impl Wired {
         };
         self.scalars.push(scalar);
         self.positions.push(first + fmu.scalars[scalar].element);
-        self.are_all = self.positions.iter().copied().eq(0..self.elements);
+        self.are_all = self.positions.len() == self.elements
+            && self.positions.iter().copied().eq(0..self.elements);
     }
 }
