@@ -222,7 +222,7 @@ impl Plan {
         own.map(|(index, value)| (*index, value)).chain(others).collect()
     }
 
-    /// The end of the last step: the stop time, or one step later if there are sampled components,
+    /// The stop time of the FMUs: the one of the run, or one step later if there are sampled components,
     /// whose last row belongs to a step from the stop time.
     pub fn end(&self) -> f64 {
         let Experiment { stop, step, .. } = self.experiment;

@@ -203,11 +203,16 @@ impl Simulation<'_> {
         Ok(Finished { messages, last, ended })
     }
 
+    /// Reads the outputs of all components.
+    fn read_all<const PLAIN: bool>(&mut self) -> Called {
+        let mut components = self.components.iter_mut();
+        components.try_for_each(|component| component.read::<PLAIN>(&mut self.outputs))
+    }
+
     /// Takes the values before the first step.
     fn record_start(&mut self) -> Called {
         self.row.time = self.plan.experiment.start;
-        let mut components = self.components.iter_mut();
-        let read = components.try_for_each(|component| component.read::<false>(&mut self.outputs));
+        let read = self.read_all::<false>();
         self.row.store.record::<false>(&self.plan.wiring.before, &self.outputs);
         read
     }
@@ -245,9 +250,7 @@ impl Simulation<'_> {
         let last = if self.plan.steps_from_stop() { steps } else { steps.saturating_sub(1) };
         let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
-        let mut components = self.components.iter_mut();
-        let read = components.try_for_each(|component| component.read::<PLAIN>(&mut self.outputs));
-        read.map_err(failed_at(experiment.start))?;
+        self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.record().at(time);

@@ -1,5 +1,5 @@
 //! The worker processes of a sweep. A process that an FMU ends is replaced by another one, and only the run
-//! in progress is lost. So is a process in which an FMU has had a fatal error.
+//! in progress is lost. A process in which an FMU has had a fatal error is replaced, too.
 
 use std::collections::VecDeque;
 use std::io;
@@ -67,7 +67,8 @@ const MAX_AHEAD: usize = 256;
 /// The time that workers have to free their FMUs at the end.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// The running workers of a sweep, which get tasks of type `T` and reply once to each, and whether they cannot do more.
+/// The running workers of a sweep, which get tasks of type `T` and reply once to each. A reply also says whether the
+/// worker must get no more tasks.
 pub(crate) struct Pool<'a, T> {
     setup: &'a Workers<'a>,
     /// The number of workers, read once, as the system takes long to tell it.

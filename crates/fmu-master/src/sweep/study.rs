@@ -358,7 +358,7 @@ impl Study {
         })
     }
 
-    /// The row of a run that an FMU has refused, or whose process it has ended, and with it the metrics until then.
+    /// The row of a run without metrics, because an FMU has refused it or ended its process.
     fn unmeasured(
         &self,
         index: u64,
