@@ -1,12 +1,12 @@
 //! Loaded libraries, and the functions that do not need an instance.
 
+use std::collections::HashMap;
 use std::error::Error;
 use std::ffi::{c_int, c_void};
-use std::fmt;
 use std::path::Path;
-use std::ptr;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::{fmt, mem, ptr};
 
 use fmi_abi::{Interface, Version, fmi2, fmi2_functions, fmi3, fmi3_functions};
 
@@ -34,7 +34,7 @@ pub struct Library {
     /// fast path has no overhead.
     pub(crate) fmi2: fmi2::Functions,
     pub(crate) fmi3: fmi3::Functions,
-    trace: Option<Box<Trace>>,
+    trace: Option<Trace>,
     lost: AtomicBool,
 }
 
@@ -65,8 +65,16 @@ impl Binary {
     }
 }
 
-/// Receives the name of each function before it is called.
-type Trace = dyn Fn(&'static str) + Send + Sync;
+/// What traces the calls of a library.
+struct Trace {
+    /// Receives the name of each function before it is called.
+    tell: Box<dyn Fn(&'static str) + Send + Sync>,
+    /// The functions called so far: to look one up takes longer than most calls.
+    found: Mutex<HashMap<&'static str, Option<Untyped>>>,
+}
+
+/// A function that is called by its own type.
+type Untyped = unsafe extern "C" fn();
 
 /// The dynamic loader's reason why a library cannot be loaded.
 #[derive(Debug, Clone)]
@@ -124,7 +132,8 @@ impl Library {
         trace: impl Fn(&'static str) + Send + Sync + 'static,
     ) -> std::result::Result<Arc<Self>, LoadError> {
         trace("loading it");
-        Ok(Arc::new(Self { trace: Some(Box::new(trace)), ..Self::new(open(file)?, version) }))
+        let trace = Trace { tell: Box::new(trace), found: Mutex::default() };
+        Ok(Arc::new(Self { trace: Some(trace), ..Self::new(open(file)?, version) }))
     }
 
     pub(crate) fn new(binary: Binary, version: Version) -> Self {
@@ -199,11 +208,19 @@ impl Library {
     /// As for [`Library::function`].
     #[cold]
     unsafe fn look_up<F: Copy>(&self, name: &'static str) -> Result<F> {
-        // SAFETY: the caller's promise.
-        let function = unsafe { self.binary.get(name) };
+        // SAFETY: it is only called by the type that the caller promises.
+        let look_up = || unsafe { self.binary.get::<Untyped>(name) };
+        let function = match &self.trace {
+            Some(trace) => {
+                let mut found = trace.found.lock().unwrap_or_else(PoisonError::into_inner);
+                *found.entry(name).or_insert_with(look_up)
+            }
+            None => look_up(),
+        };
         let function = function.ok_or_else(|| Failure::new(name, Cause::Missing))?;
         self.trace(name);
-        Ok(function)
+        // SAFETY: the caller's promise; all functions have the size of a pointer.
+        Ok(unsafe { mem::transmute_copy(&function) })
     }
 
     pub(crate) fn is_traced(&self) -> bool {
@@ -213,7 +230,7 @@ impl Library {
     /// Says that a function is about to be called.
     pub(crate) fn trace(&self, name: &'static str) {
         if let Some(trace) = &self.trace {
-            trace(name);
+            (trace.tell)(name);
         }
     }
 

@@ -1,8 +1,10 @@
 //! What a process is doing, in memory that its supervisor can read even after a crash.
 
+use std::collections::HashMap;
 use std::io;
 use std::num::NonZeroU64;
 use std::path::Path;
+use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use fmi_abi::Version;
@@ -210,8 +212,11 @@ impl Function {
 
     /// The function of a name, such as `fmi3GetFloat64`.
     pub fn named(name: &str) -> Option<Self> {
-        let index = functions().position(|(known, _)| known == name)?;
-        NonZeroU64::new(index as u64 + 1).map(Self)
+        static NUMBERS: LazyLock<HashMap<&str, NonZeroU64>> = LazyLock::new(|| {
+            let numbers = (1..).filter_map(NonZeroU64::new);
+            functions().map(|(name, _)| name).zip(numbers).collect()
+        });
+        NUMBERS.get(name).copied().map(Self)
     }
 
     /// Its name; `None` if no function has its number, because the record is damaged.
