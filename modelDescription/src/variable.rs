@@ -203,9 +203,13 @@ impl Variable {
 
     /// Whether what is computed during initialization may depend on it.
     pub(crate) fn is_initially_known(&self) -> bool {
-        use Causality::{Independent, Input, Parameter};
-        matches!(self.causality, Input | Parameter | Independent)
-            || self.is_state() && self.initial == Some(Initial::Exact)
+        use Causality::{Independent, Input, Local, Output, Parameter};
+        match self.causality {
+            Output | Local if self.variability != Variability::Constant => {
+                self.initial == Some(Initial::Exact)
+            }
+            causality => matches!(causality, Input | Parameter | Independent),
+        }
     }
 
     /// Whether it is computed during initialization and listed as an initial unknown.

@@ -12,7 +12,7 @@ use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
 use fmu_description::hash::checksum;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{Loader, Saver, Variability};
+use fmu_description::{Loader, Saver, Value, Variability};
 
 use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
@@ -141,6 +141,8 @@ pub(crate) struct Shared {
     pub(crate) settings: Settings,
     guid: &'static Guid,
     variant: Option<Variant>,
+    /// The start values of outputs and local variables that the host has set, by value reference.
+    pub(crate) starts: Vec<(u32, Value)>,
     /// Whether the host sees what happens in a step, which is then taken in parts.
     pub(crate) is_stepped_in_parts: bool,
     /// The texts and the binary values that the last call returned, which live until the next one.
@@ -155,7 +157,7 @@ pub(crate) struct Shared {
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
 
@@ -163,6 +165,7 @@ const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
 pub(crate) struct Snapshot {
     guid: Guid,
     pub(crate) lifecycle: Lifecycle,
+    starts: Vec<(u32, Value)>,
     model: Box<dyn AnyModel>,
 }
 
@@ -193,6 +196,7 @@ impl<M: AnyModel> Component<M> {
                 settings,
                 guid,
                 variant,
+                starts: Vec::new(),
                 texts: Vec::new(),
                 binaries: Vec::new(),
                 workspace,
@@ -349,6 +353,7 @@ impl Component {
         self.model.reset(shared.variant);
         self.model.connect(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.mode);
+        shared.starts.clear();
         self.enter(State::Instantiated);
         Ok(())
     }
@@ -646,6 +651,7 @@ impl Component {
         Ok(Snapshot {
             guid: *self.shared.guid,
             lifecycle: self.shared.lifecycle,
+            starts: self.shared.starts.clone(),
             model: self.model.copy(),
         })
     }
@@ -675,6 +681,7 @@ impl Component {
             text(shared.guid)
         );
         shared.lifecycle = snapshot.lifecycle;
+        shared.starts.clone_from(&snapshot.starts);
         Ok(())
     }
 
@@ -682,7 +689,9 @@ impl Component {
     pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
         let mut payload = Saver::default();
         let is_own = self.model.type_id() == (*state.model).type_id();
-        let saved = payload.put(&state.lifecycle).is_ok() && state.model.save(&mut payload).is_ok();
+        let saved = payload.put(&state.lifecycle).is_ok()
+            && payload.put(&state.starts).is_ok()
+            && state.model.save(&mut payload).is_ok();
         ensure!(is_own && saved, "the state belongs to another model");
         let mut bytes =
             [&MAGIC[..], &VERSION.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
@@ -718,11 +727,12 @@ impl Component {
         if !mode.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
             return Err(damaged());
         }
+        let starts = loader.take().map_err(|_| damaged())?;
         let mut model = self.model.copy();
         if model.load(&mut loader).is_err() || !loader.is_empty() {
             return Err(damaged());
         }
-        Ok(Snapshot { guid: *expected, lifecycle, model })
+        Ok(Snapshot { guid: *expected, lifecycle, starts, model })
     }
 
     /// Evaluates the equations between steps if the host asks for what is computed only then: derivatives and event
@@ -805,6 +815,11 @@ impl Component {
             resources: shared.settings.resources.clone(),
         };
         model.renew();
+        for (reference, start) in &shared.starts {
+            if let Some(scalar) = model.find(*reference) {
+                model.set(&scalar, start.clone());
+            }
+        }
         model.behavior_mut().on_initialize(&start)?;
         let mut integration = Integration { handled: start.time, ..Integration::NONE };
         let is_eventful = facts.is_continuous && lifecycle.mode == Mode::CoSimulationWithEvents;

@@ -200,6 +200,11 @@ impl Component {
             if let Some(scalar) = self.model.find(element)
                 && let Ok(value) = given(i).within(scalar.variable)
             {
+                if has_own_start(scalar.variable) && is_start(self.shared.lifecycle.state) {
+                    let starts = &mut self.shared.starts;
+                    starts.retain(|(other, _)| *other != element);
+                    starts.push((element, value.clone()));
+                }
                 self.model.set(&scalar, value);
             }
         }
@@ -277,10 +282,19 @@ numbers! {
     get_uint64 set_uint64: u64 as UInt64, Whole;
 }
 
+/// Whether start values may be set.
+fn is_start(state: State) -> bool {
+    matches!(state, State::Instantiated | State::Initialization)
+}
+
+/// Whether the model computes the variable but for its start value: initial is exact.
+fn has_own_start(variable: &Field) -> bool {
+    matches!(variable.causality, Causality::Output | Causality::Local) && !variable.start.is_empty()
+}
+
 /// Why the host may not set the variable now; `None` if it may.
 fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static str> {
     use State::{ContinuousTime, Event, IntermediateUpdate};
-    let is_start = matches!(state, State::Instantiated | State::Initialization);
     let is_reconfiguration =
         matches!(state, State::StepReconfiguration | State::EventReconfiguration);
     let is_configuration = is_reconfiguration || state == State::Configuration;
@@ -289,6 +303,7 @@ fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static s
         (_, Variability::Constant) => Some("a constant"),
         // The standard has a function for all states; some hosts, such as CasADi, set them one by one.
         _ if matches!(variable.dynamics, Dynamics::State) && is_exchange => None,
+        _ if has_own_start(variable) && is_start(state) => None,
         (Causality::Output, _) => Some("an output, which only the model sets"),
         (Causality::Local, _) => Some("a local variable, which only the model sets"),
         (Causality::StructuralParameter, _) if !is_configuration => {
@@ -302,7 +317,7 @@ fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static s
         _ if is_configuration => {
             Some("not a structural parameter; only those can be set in configuration mode")
         }
-        (_, Variability::Fixed) if !is_start => {
+        (_, Variability::Fixed) if !is_start(state) => {
             Some("a fixed parameter, which cannot be set after the initialization")
         }
         (Causality::Input, Variability::Continuous) => None,

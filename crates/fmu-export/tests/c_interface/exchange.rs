@@ -243,6 +243,28 @@ fn directional_derivatives_of_co_simulation_are_those_at_the_communication_point
 }
 
 #[test]
+fn the_start_value_of_an_output_is_kept_until_a_reset() {
+    for kind in KINDS {
+        let it = Instance::of(kind, HOPPER);
+        let found = || it.get([Hopper::H, Hopper::V_DOT]);
+        ok([it.set(Hopper::H, 2.0), it.enter(0.0, None, None)]);
+        assert_eq!(found(), [2.0, -Hopper::G]);
+        it.refuses("v is an output, which only the model sets", |f| f.set(Hopper::V, 1.0));
+        let before = it.snapshot();
+        ok([it.set(Hopper::H, 4.0), it.reset(), it.enter(0.0, None, None)]);
+        assert_eq!(found(), [1.0, -Hopper::G]);
+        it.resume(&before);
+        ok([it.set(Hopper::DRIVE, 1.0)]);
+        assert_eq!(found(), [2.0, 1.0 - Hopper::G]);
+        ok([it.set(Hopper::H, 3.0), it.exit_initialization_mode()]);
+        assert_eq!(it.get([Hopper::H]), [3.0]);
+        if kind.1 != Exchanged {
+            it.refuses("h is an output, which only the model sets", |f| f.set(Hopper::H, 2.0));
+        }
+    }
+}
+
+#[test]
 fn initial_values_have_derivatives_with_respect_to_start_values() {
     for kind in PLAIN.into_iter().chain(EXCHANGED) {
         let it = Instance::of(kind, BALL);
