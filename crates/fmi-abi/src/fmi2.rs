@@ -164,15 +164,16 @@ macro_rules! fmi2_functions {
             ) => get_output_derivatives in STEPPED;
             fmi2DoStep(time: f64, step: f64, no_set_state: fmi2Boolean) => do_step in STEP_MODE;
             fmi2CancelStep() => cancel_step in NOWHERE;
-            fmi2GetStatus(kind: fmi2StatusKind, value: [out? fmi2Status]) => get_status in NOWHERE;
+            fmi2GetStatus(kind: fmi2StatusKind, value: [out? fmi2Status])
+                => get_status in STEP_MODE | STEP_FAILED | TERMINATED;
             fmi2GetRealStatus(kind: fmi2StatusKind, value: [out? f64])
                 => get_real_status in STEP_MODE | STEP_FAILED | TERMINATED;
             fmi2GetIntegerStatus(kind: fmi2StatusKind, value: [out? i32])
-                => get_integer_status in NOWHERE;
+                => get_integer_status in STEP_MODE | STEP_FAILED | TERMINATED;
             fmi2GetBooleanStatus(kind: fmi2StatusKind, value: [out? fmi2Boolean])
                 => get_boolean_status in STEP_MODE | STEP_FAILED | TERMINATED;
             fmi2GetStringStatus(kind: fmi2StatusKind, value: [out? fmi2String])
-                => get_string_status in NOWHERE;
+                => get_string_status in STEP_MODE | STEP_FAILED | TERMINATED;
         }
     } };
 }

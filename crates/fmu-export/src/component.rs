@@ -274,8 +274,8 @@ impl Component {
     #[inline(never)]
     fn fail(&mut self, call: &Call, error: ModelError) -> Outcome {
         if error.kind() == Kind::Discarded {
-            // In other states, the host may repeat the call with other values.
-            if self.shared.lifecycle.state == State::StepMode {
+            // The host may repeat other calls with other values.
+            if *call == self.shared.settings.edge.do_step {
                 self.enter(State::StepFailed);
             }
             let message = format_args!("{}: {}", call.name, error.reason());

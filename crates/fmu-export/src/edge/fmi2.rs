@@ -155,9 +155,33 @@ impl Component {
         self.set_experiment(start, stop_defined.then_some(stop), tolerance)
     }
 
+    fn get_status(
+        &mut self,
+        _kind: c_int,
+        value: Option<&mut fmi2Status>,
+    ) -> Result<(), ModelError> {
+        answer(None, value)
+    }
+
     fn get_real_status(&mut self, kind: c_int, value: Option<&mut f64>) -> Result<(), ModelError> {
         let now = self.shared.lifecycle.now();
         answer((kind == fmi2LastSuccessfulTime).then_some(now), value)
+    }
+
+    fn get_integer_status(
+        &mut self,
+        _kind: c_int,
+        value: Option<&mut i32>,
+    ) -> Result<(), ModelError> {
+        answer(None, value)
+    }
+
+    fn get_string_status(
+        &mut self,
+        _kind: c_int,
+        value: Option<&mut fmi2String>,
+    ) -> Result<(), ModelError> {
+        answer(None, value)
     }
 
     fn get_boolean_status(
@@ -169,10 +193,11 @@ impl Component {
     }
 }
 
-/// Returns a status value, if it is one of an FMU that steps synchronously.
+/// Returns a status value. "If a status is required which cannot be retrieved by the slave it returns fmi2Discard"
+/// (FMI 2.0.5, section 4.2.3).
 fn answer<T>(answer: Option<T>, value: Option<&mut T>) -> Result<(), ModelError> {
     let answer = answer.ok_or_else(|| {
-        ModelError::refuse(
+        ModelError::discard(
             "this kind of status exists for asynchronous steps only, which the slave does not support",
         )
     })?;
