@@ -114,7 +114,7 @@ macro_rules! fmi3_functions {
             ) => enter_initialization_mode in INSTANTIATED;
             fmi3ExitInitializationMode() => exit_initialization_mode in INITIALIZATION;
             fmi3EnterEventMode() => enter_event_mode in STEP_MODE | CONTINUOUS_TIME;
-            fmi3Terminate() => terminate in RUNNING;
+            fmi3Terminate() => terminate in RUNNING | RECONFIGURATION;
             fmi3Reset() => reset in ALIVE;
             fmi3EnterConfigurationMode() => enter_configuration_mode in INSTANTIATED | STEP_MODE | EVENT;
             fmi3ExitConfigurationMode() => exit_configuration_mode in CONFIGURATION | RECONFIGURATION;

@@ -57,7 +57,7 @@ const TABLE: &[(&str, &str, &str, usize)] = &[
     ("setup_experiment", "I", "-", 0),
     ("enter_initialization_mode", "I", "I", 0),
     ("exit_initialization_mode", "N", "N", 0),
-    ("terminate", "SFEC", "SFEC", 0),
+    ("terminate", "SFEC", "SFECRV", 0),
     ("enter_configuration_mode", "-", "ISE", 0),
     ("exit_configuration_mode", "-", "GRV", 0),
     ("get_float64 get_int32 get_boolean get_string", COMPUTED, READABLE, 0),
