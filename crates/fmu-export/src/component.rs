@@ -254,8 +254,12 @@ impl Component {
         let all = all.filter(|(state, _)| call.is_allowed(*state) && mode.has(*state));
         let mut allowed: Vec<String> = all.map(|(_, name)| (*name).to_owned()).collect();
         allowed.dedup();
+        let (category, outcome) = match state {
+            State::Fatal => (Category::Fatal, Outcome::Fatal),
+            _ => (Category::Error, Outcome::Error),
+        };
         self.shared.settings.log.send(
-            Category::Error,
+            category,
             format_args!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
                 call.name,
@@ -263,10 +267,7 @@ impl Component {
                 allowed.join(", ")
             ),
         );
-        match state {
-            State::Fatal => Outcome::Fatal,
-            _ => Outcome::Error,
-        }
+        outcome
     }
 
     /// Logs why a call failed, and enters the state that follows.

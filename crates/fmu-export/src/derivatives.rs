@@ -83,7 +83,7 @@ impl Component {
     ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
         ensure!(
             self.model.facts().has_directional_derivatives,
-            "the model has no derivatives: providesDirectionalDerivative is false"
+            "the model has no derivatives with respect to inputs and states"
         );
         let is_initial = self.shared.lifecycle.state == State::Initialization;
         for &reference in unknowns {
