@@ -104,6 +104,8 @@ pub struct Worker {
     /// When something last happened, and when the memory was last looked up.
     active: Instant,
     memory_checked: Instant,
+    /// How often it was looked at.
+    looks: u64,
 }
 
 /// The environment variables with the folder of a worker, and with the process that has started it.
@@ -120,6 +122,9 @@ pub const SLOW: Duration = Duration::from_secs(10);
 const MEMORY_PERIOD: Duration = Duration::from_millis(20);
 /// Shortest and longest pause before a worker is looked at again.
 const PAUSES: [Duration; 2] = [Duration::from_micros(50), Duration::from_millis(4)];
+
+/// Every so many looks, the process is looked at even if it has replied.
+const LOOKS: u64 = 1024;
 
 /// The time after a task in which its reply may come soon.
 const SOON: Duration = Duration::from_micros(200);
@@ -170,6 +175,7 @@ impl Worker {
             is_reported: false,
             active: now,
             memory_checked: now,
+            looks: 0,
         })
     }
 
@@ -203,12 +209,14 @@ impl Worker {
     }
 
     /// What the worker has done since it was last looked at, if anything; it is killed if it exceeds a
-    /// limit.
+    /// limit. Now and then this is `None` although more replies wait, so that a worker that replies faster
+    /// than its replies are received can be stopped.
     ///
     /// # Errors
     /// The system does not tell the state of the process.
     pub fn look(&mut self) -> io::Result<Option<Event>> {
-        if !self.replies.receive() {
+        self.looks += 1;
+        if self.looks.is_multiple_of(LOOKS) || !self.replies.receive() {
             if self.ended.is_none() {
                 self.ended = self.poll()?;
             }
@@ -360,4 +368,25 @@ pub fn available_memory() -> Option<u64> {
 pub(crate) fn decode<'a, T: Deserialize<'a>>(message: &'a [u8]) -> io::Result<T> {
     postcard::from_bytes(message)
         .map_err(|error| io::Error::other(format!("a damaged message: {error}")))
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_worker_that_replies_all_the_time_is_looked_at_and_killed_at_its_limit() {
+        let session = std::env::temp_dir().join(format!("fmu-worker-{}", process::id()));
+        fs::create_dir(&session).unwrap();
+        let limits = Limits { task: Some(Duration::ZERO), ..Limits::default() };
+        let mut worker = Worker::start(Command::new("sleep").arg("60"), &session, limits).unwrap();
+        let mut replies = Sender::new(SharedMemory::open(&worker.folder.join(REPLIES)).unwrap());
+        for _ in 0..=LOOKS {
+            replies.send(&[1], || true);
+            worker.look().unwrap();
+        }
+        assert!(matches!(worker.ended, Some(Ended::TimedOut(_))));
+        drop(worker);
+        fs::remove_dir(&session).unwrap();
+    }
 }
