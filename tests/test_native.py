@@ -485,6 +485,9 @@ def test_the_summary_has_extremes_last_values_units_and_alarms(tmp_path):
             expected = (column.min(), column.max(), np.sqrt(np.mean(column**2)), column[-1])
             np.testing.assert_allclose(np.array(shown, float), expected, rtol=1e-3)
         assert {line[1] for line in lines if line[0] == "alarm:"} == alarms
+    # This pendulum moves towards the upright before it falls.
+    falls = ("--set=theta0=0.1", "--set=omega0=-0.3", "--stop=2")
+    assert "alarm: diverging: theta" in run("simulate", FMUS / "Pendulum.fmu", *falls).stdout
     # On a sine, it does so near the extremes of the angle only. A healthy force rings after a jump.
     sine = "--set=source.signal=sine"
     cycles = run("simulate", system, sine, *late, "--csv", out)

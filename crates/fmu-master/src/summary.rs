@@ -44,6 +44,8 @@ const STEADY: f64 = 0.5;
 const VISIBLE: f64 = 1e-3;
 /// A run is divided into this many parts to see what moves away ever faster.
 const PARTS: usize = 10;
+/// So many of the last moves must grow; at first, what grows may be hidden by what decays.
+const GROWING: usize = 7;
 
 /// Gathers a summary. There is an element for each column: those of the type Float64 first, then the others.
 pub(crate) struct Gathering<'a> {
@@ -295,13 +297,13 @@ impl<'a> Gathering<'a> {
         Summarized { statistics, alarms }
     }
 
-    /// The last value of a column that moves in one direction in all parts of the run, in each further than in
-    /// the one before.
+    /// The last value of a column that moves in one direction in the last parts of the run, in each further than
+    /// in the one before.
     fn leaves(&self, index: usize) -> Option<f64> {
         let end = self.parts.get(PARTS)?[index];
-        let moves: [f64; PARTS] =
-            from_fn(|part| self.parts[part + 1][index] - self.parts[part][index]);
-        let far = moves[PARTS - 1].abs() > VISIBLE * end.abs();
+        let part = |growing: usize| self.parts[PARTS - GROWING + growing][index];
+        let moves: [f64; GROWING] = from_fn(|growing| part(growing + 1) - part(growing));
+        let far = moves[GROWING - 1].abs() > VISIBLE * end.abs();
         let leaves = far && moves.windows(2).all(|pair| pair[0] != 0.0 && pair[1] / pair[0] > 1.0);
         leaves.then_some(end)
     }
