@@ -470,3 +470,23 @@ def test_an_environment_that_is_dropped_ends_its_run(fmus):
     del env
     run.join(10)
     assert not run.is_alive()
+
+
+ENDS = """
+import sys
+from fmu_master import System
+from fmu_master.gym import FmuEnv
+env = FmuEnv(
+    System(components={"plant": sys.argv[1]}, step=0.01, stop=1.0),
+    actions={"plant.u": (-1.0, 1.0)},
+    observations={"plant.theta": (-0.2, 0.2)},
+    reward=lambda observation, action: 0.0,
+    step_size=0.01,
+    stop_time=0.5,
+)
+env.reset()
+"""
+
+
+def test_an_environment_that_is_never_closed_lets_python_end(fmus):
+    subprocess.run([sys.executable, "-c", ENDS, fmus / "Pendulum.fmu"], check=True)

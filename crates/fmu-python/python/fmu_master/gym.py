@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import weakref
 from collections.abc import Callable, Mapping
 from queue import SimpleQueue
 from typing import Any
@@ -119,6 +120,13 @@ def _run(
         observed.put(RuntimeError("the system has ended the run"))
 
 
+def _end(acting: SimpleQueue[list[float] | None], thread: threading.Thread) -> None:
+    acting.put(None)
+    # The thread itself may collect the garbage.
+    if thread is not threading.current_thread():
+        thread.join()
+
+
 class _Loop:
     """A run of a system in a thread, with a component in Python that applies the actions.
 
@@ -155,12 +163,11 @@ class _Loop:
         stop = start + env._step_size * (env._steps + 1) + step
         options = {"stop_time": stop, "in_process": env._in_process}
         arguments = (observed, system, starts, options)
-        self._thread = threading.Thread(target=_run, args=arguments, daemon=True)
-        self._thread.start()
+        thread = threading.Thread(target=_run, args=arguments, daemon=True)
+        thread.start()
+        # Also before Python ends: the thread could then no longer return from this module.
+        self._end = weakref.finalize(self, _end, acting, thread)
         self._wait()
-
-    def __del__(self) -> None:
-        self._acting.put(None)
 
     def _wait(self) -> None:
         told = self._observed.get()
@@ -184,8 +191,7 @@ class _Loop:
 
     def free(self) -> None:
         """End the run."""
-        self._acting.put(None)
-        self._thread.join()
+        self._end()
 
 
 def _box(bounds: Bounds) -> gymnasium.spaces.Box:
