@@ -567,6 +567,9 @@ def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
         lambda: simulate(PENDULUM, stop_time=1e5, step_size=1e-3, in_process=True),
         # A step takes a tenth of a second.
         lambda: simulate("target/fmu/IpidRbf.fmu", stop_time=1e6, step_size=1e3, in_process=True),
+    assert repr(runs).startswith("<Result: 2 rows: index, plant.M, iae, ")
+    assert runs.to_pandas().index.tolist() == runs.plot().axes[0].lines[0].get_xdata().tolist()
+    assert "index" not in runs.summary
     ):
         threading.Timer(0.5, _thread.interrupt_main).start()
         began = time.monotonic()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from . import _native
+from ._values import one_or_more
 
 if TYPE_CHECKING:
     import pandas
@@ -81,8 +82,9 @@ class Message(NamedTuple):
 class Result(Mapping[str, np.ndarray]):
     """The results of a run: NumPy arrays by name, "time" [s] first, in the types of the variables.
 
-    An array variable has a column for each element, such as `result["q[2]"]`; `result["q"]` has
-    all of them, one row for each time.
+    The table of a sweep has "index" first, the number of the run. An array variable has a column
+    for each element, such as `result["q[2]"]`; `result["q"]` has all of them, one row for each
+    time.
 
     Attributes
     ----------
@@ -129,15 +131,16 @@ class Result(Mapping[str, np.ndarray]):
         return len(self._columns)
 
     def __repr__(self) -> str:
-        time = self["time"]
-        rows = f"{len(time)} row{'s' * (len(time) != 1)}"
+        time, count = self.get("time", np.empty(0)), len(next(iter(self.values()), ()))
+        rows = f"{count} row{'s' * (count != 1)}"
         span = f", t = {time[0]:g} to {time[-1]:g} s" if len(time) else ""
         return f"<Result: {rows}{span}: {', '.join(self)}>"
 
     @property
     def summary(self) -> dict[str, dict[str, float]]:
         """Minimum, maximum, RMS and last value of each column of numbers, by name."""
-        numbers = {n: c.astype(float) for n, c in self.items() if c.dtype != object and len(c)}
+        others = list(self.items())[1:]
+        numbers = {n: c.astype(float) for n, c in others if c.dtype != object and len(c)}
         return {
             name: {
                 "min": float(column.min()),
@@ -146,14 +149,13 @@ class Result(Mapping[str, np.ndarray]):
                 "last": float(column[-1]),
             }
             for name, column in numbers.items()
-            if name != "time"
         }
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a data frame of pandas whose index is the time [s]."""
+        """Return a data frame of pandas whose index is the first column, such as the time [s]."""
         import pandas
 
-        return pandas.DataFrame(self._columns).set_index("time")
+        return pandas.DataFrame(self._columns).set_index(next(iter(self)))
 
     def to_polars(self) -> polars.DataFrame:
         """Return a data frame of Polars."""
@@ -162,26 +164,27 @@ class Result(Mapping[str, np.ndarray]):
         return polars.DataFrame(self._columns)
 
     def plot(self, names: Sequence[str] | None = None) -> Figure:
-        """Draw columns of numbers over the time [s], by default all, one picture for each unit.
+        """Draw columns of numbers over the first one, by default all, one picture for each unit.
 
         Returns the figure of Matplotlib.
         """
         from matplotlib.figure import Figure
 
-        numbers = [n for n, c in self.items() if c.dtype != object and n != "time"]
+        first, *others = self
+        numbers = [name for name in others if self[name].dtype != object]
         groups: dict[str, list[str]] = {}
-        for name in numbers if names is None else names:
+        for name in numbers if names is None else one_or_more(names):
             groups.setdefault(self.units.get(name, ""), []).append(name)
         size = (7.0, 1.0 + 1.8 * max(len(groups), 1))
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(max(len(groups), 1), sharex=True, squeeze=False)[:, 0]
         for axis, (unit, members) in zip(axes, groups.items(), strict=False):
             for name in members:
-                axis.plot(self["time"], self[name], label=name, linewidth=1.2)
+                axis.plot(self[first], self[name], label=name, linewidth=1.2)
             axis.set_ylabel(f"[{unit}]" if unit else "")
             axis.legend(loc="upper right", fontsize="small")
             axis.grid(alpha=0.3)
-        axes[-1].set_xlabel("time [s]")
+        axes[-1].set_xlabel("time [s]" if first == "time" else first)
         return figure
 
     def _repr_png_(self) -> bytes | None:
