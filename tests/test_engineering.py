@@ -1,6 +1,7 @@
 """What engineers do with the module: the example test suite, linearization, comparison, tuning."""
 
 import dataclasses
+import math
 import re
 import resource
 import shutil
@@ -305,6 +306,7 @@ def test_linearize_at_a_point_of_a_run_differentiates_the_nonlinear_plant(fmus, 
     assert model.time == pytest.approx(0.4)
     # Without directional derivatives, from differences.
     monkeypatch.setattr("fmu_master.linear._directional", fmu_master.linear._differences)
+    assert linearize(fmus / "Pendulum.fmu", 0.4, step_size=0.3).time == pytest.approx(0.4)
     other = linearize(fmus / "Pendulum.fmu", 0.4, **options)
     np.testing.assert_allclose(other.A, model.A, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(other.B, model.B, rtol=1e-7, atol=1e-9)
@@ -318,6 +320,7 @@ def test_what_does_not_fit_a_linear_model_is_named(fmus):
         ({"time": 1.0, "step_size": 0.0}, "step_size = 0.0, expected a positive number"),
     ):
         with pytest.raises((FmuError, ValueError), match=message):
+        ({"tolerance": math.nan}, "tolerance = nan, expected a positive number"),
             linearize(fmus / "Pendulum.fmu", **options)
 
 

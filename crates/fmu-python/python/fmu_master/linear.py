@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -145,7 +146,7 @@ def linearize(
     input
         Functions of the time [s] that inputs follow.
     step_size
-        The step of the run of an FMU until the point [s].
+        The longest step of the run of an FMU until the point [s].
     deviation
         The height of the pulses of a system, relative to the larger of 1 and the value, so small
         that no limit acts.
@@ -159,7 +160,8 @@ def linearize(
         The FMU does not support model exchange, or fails; or no linear model responds in the same
         way as the system.
     """
-    for name, value in {"step_size": step_size, "deviation": deviation}.items():
+    positive = {"step_size": step_size, "deviation": deviation, "tolerance": tolerance}
+    for name, value in positive.items():
         if not 0 < value < np.inf:
             raise ValueError(f"{name} = {value}, expected a positive number")
     inputs, outputs = (n if n is None else one_or_more(n) for n in (inputs, outputs))
@@ -168,7 +170,7 @@ def linearize(
     if not inputs or not outputs:
         raise ValueError("expected the names of inputs and outputs of the system")
     system = system if isinstance(system, System) else System(system)
-    about = (inputs, outputs, start_values or {}, input or {}, deviation, tolerance)
+    about = (inputs, outputs, start_values, input or {}, deviation, tolerance)
     responses, at, step = respond(system, time, *about)
     matrices = realize(responses, tolerance)
     states = tuple(f"x{number + 1}" for number in range(len(matrices[0])))
@@ -188,10 +190,10 @@ def _of_fmu(
     if time is not None and not 0 <= time < np.inf:
         raise ValueError(f"time = {time}, expected at least 0 s")
     with Instance(filename, "model-exchange", start_values) as fmu:
-        steps = 0 if time is None else round(time / step_size)
+        steps = math.ceil((time or 0) / step_size - 1e-6)
         for _ in range(steps):
             fmu.set({name: function(fmu.time) for name, function in signals.items()})
-            fmu.step(step_size)
+            fmu.step((time or 0) / steps)
         fmu.set({name: function(fmu.time) for name, function in signals.items()})
         names = [_continuous(fmu, "input") if inputs is None else inputs]
         names.append(_continuous(fmu, "output") if outputs is None else outputs)
