@@ -122,13 +122,15 @@ def test_compare_names_and_draws_the_first_planted_difference(fmus, tmp_path):
     assert float(first.split()[-1]) == pytest.approx(1e-6 * run["theta"].max(), rel=1e-3)
     assert second == f"different: 2 of {len(run) - 1} variables: theta, x"
     assert compare(run, planted, absolute=1e-2).is_same
+    assert compare(run.to_pandas(), run).is_same
     lines = found.plot().axes[0].lines
     assert [line.get_ydata()[20] for line in lines[:2]] == list(values)
     assert lines[2].get_xdata() == [run["time"][20]] * 2
     short = {"time": [0.0, 1.0], "a": [1.0]}
     for tables, options, message in (
         ((run, {"time": run["time"], "theta": run["theta"]}), {}, "the second has no variable ome"),
-        ((run, other), {"hold": ["y"]}, "hold: the reference has no variable y"),
+        ((run, other), {"hold": "omeg"}, "hold: the reference has no variable omeg"),
+        ((run, tmp_path / "a.csv"), {}, "a.csv cannot be read: No such file"),
         ((run, other), {"relative": np.nan}, "the relative tolerance is NaN, expected"),
         ((short, short), {}, "a has 1 values, expected 2, as time has"),
     ):
@@ -304,9 +306,9 @@ def test_linearize_at_a_point_of_a_run_differentiates_the_nonlinear_plant(fmus, 
     np.testing.assert_allclose(model.A, A, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(model.B[:, 0], slope(np.zeros(4), 1.0), rtol=1e-5)
     assert model.time == pytest.approx(0.4)
+    assert linearize(fmus / "Pendulum.fmu", 0.4, step_size=0.3).time == pytest.approx(0.4)
     # Without directional derivatives, from differences.
     monkeypatch.setattr("fmu_master.linear._directional", fmu_master.linear._differences)
-    assert linearize(fmus / "Pendulum.fmu", 0.4, step_size=0.3).time == pytest.approx(0.4)
     other = linearize(fmus / "Pendulum.fmu", 0.4, **options)
     np.testing.assert_allclose(other.A, model.A, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(other.B, model.B, rtol=1e-7, atol=1e-9)
@@ -318,9 +320,9 @@ def test_what_does_not_fit_a_linear_model_is_named(fmus):
         ({"inputs": ["theta"]}, "theta has the causality output, expected an input"),
         ({"time": -1.0}, r"time = -1.0, expected at least 0 s"),
         ({"time": 1.0, "step_size": 0.0}, "step_size = 0.0, expected a positive number"),
+        ({"tolerance": math.nan}, "tolerance = nan, expected a positive number"),
     ):
         with pytest.raises((FmuError, ValueError), match=message):
-        ({"tolerance": math.nan}, "tolerance = nan, expected a positive number"),
             linearize(fmus / "Pendulum.fmu", **options)
 
 

@@ -123,17 +123,24 @@ def test_a_system_of_keywords_is_that_of_a_file(fmus):
         np.testing.assert_array_equal(result[name], expected[name])
 
 
-def test_inputs_are_functions_or_arrays(fmus):
+def test_inputs_are_functions_arrays_frames_results_or_files(fmus, tmp_path):
     step, force = 1e-3, 2.0
     time = np.arange(0, 1.0005, step)
     table = np.array([(0.0, force), (1.0, force)], dtype=[("time", float), ("u", float)])
+    before = simulate(PENDULUM, stop_time=1.0, output="u", start_values=pandas.Series({"u": force}))
+    file = tmp_path / "input.csv"
+    file.write_text(f"time,u [N]\n0,{force}\n")
     results = [
         simulate(PENDULUM, stop_time=1.0, step_size=step, input=given)
         for given in (
             {"u": lambda t: force},
+            {"u": lambda t: np.array(force)},  # as functions of SciPy return
             {"time": time, "u": lambda t: force},
             {"time": time, "u": np.full(len(time), force)},
             table,
+            before,
+            before.to_pandas(),
+            file,
         )
     ]
     for result in results:
@@ -224,9 +231,13 @@ def test_messages_name_what_python_has(loop, tmp_path):
         ({"u": [1.0]}, r"input = u, expected also a column time \[s\]"),
         ({"r": lambda t: t, "u": [1.0]}, r"input = r, u, expected also a column time \[s\]"),
         ({"time": [0.0, 1.0], "u": [1.0]}, r"input u: 1 values, expected 2"),
+        ({"time": [0.0, 1.0], "u": 1.0}, r"input u: 1 values, expected 2"),
+        ({"time": np.array([0, 1], "m8[s]"), "u": [0, 1]}, "time has dates or durations, expected"),
+        (Result.of({"time": [0], "u": [1]}, {"u": "kN"}), "input: u is in kN, expected N"),
+        (np.zeros((2, 2)), "ndarray, expected a table of named columns"),
         ({"time": [0.0, 1.0], "u": [1.0, "x"]}, r"^input: row 2: u is x, expected a number"),
     ):
-        with pytest.raises(FmuError, match=message):
+        with pytest.raises((FmuError, TypeError), match=message):
             simulate(PENDULUM, input=given)
     for keys in ({"step": 1.0}, {"stop": 1.0}):
         with pytest.raises(FmuError, match=r"Pendulum.fmu has no keys, expected a system file"):
@@ -449,6 +460,7 @@ def test_components_in_python_have_what_fmus_have():
 
 
 def test_what_does_not_fit_a_component_in_python_is_named(loop):
+    assert python_component("yaw", "f", abs).inputs == ("yaw",)
     for component, message in (
         ({"step": lambda t, u: (u, u)}, "the function failed: values returned: 2, expected 1"),
         ({"step": lambda t, u: "far"}, "it returned far for f, expected a Float64"),
@@ -555,6 +567,9 @@ def test_keywords_replace_the_keys_of_a_sweep_file(loop):
     # No run settles, and none fails.
     assert np.isnan(runs["settling_time"]).tolist() == [True, True]
     assert runs["failure"].tolist() == [None, None]
+    assert repr(runs).startswith("<Result: 2 rows: index, plant.M, iae, ")
+    assert runs.to_pandas().index.tolist() == runs.plot().axes[0].lines[0].get_xdata().tolist()
+    assert "index" not in runs.summary
 
 
 def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
@@ -567,9 +582,6 @@ def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
         lambda: simulate(PENDULUM, stop_time=1e5, step_size=1e-3, in_process=True),
         # A step takes a tenth of a second.
         lambda: simulate("target/fmu/IpidRbf.fmu", stop_time=1e6, step_size=1e3, in_process=True),
-    assert repr(runs).startswith("<Result: 2 rows: index, plant.M, iae, ")
-    assert runs.to_pandas().index.tolist() == runs.plot().axes[0].lines[0].get_xdata().tolist()
-    assert "index" not in runs.summary
     ):
         threading.Timer(0.5, _thread.interrupt_main).start()
         began = time.monotonic()

@@ -133,7 +133,9 @@ fn into_python(py: Python<'_>, done: Done, raised: Option<PyErr>) -> PyResult<Bo
 /// The columns of a table that a sweep has written: name, unit and values, None where one is missing.
 #[pyfunction]
 pub fn read(py: Python<'_>, file: PathBuf) -> PyResult<Vec<(String, String, Cells<'_>)>> {
-    let table = py.detach(|| table::read(&file)).map_err(error)?;
+    let table = py.detach(|| table::read(&file));
+    let table =
+        table.with_context(|| format!("{} cannot be read", file.display())).map_err(error)?;
     let columns = table.into_iter().map(|Series { name, unit, cells }| {
         let cells =
             cells.into_iter().map(|cell| cell.map(|value| to_python(py, value)).transpose());

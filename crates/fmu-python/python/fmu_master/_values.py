@@ -18,6 +18,8 @@ def toml(value: Any) -> str:
             return "true" if value else "false"
         case Mapping():
             return f"{{ {', '.join(_pairs(value))} }}"
+        case np.ndarray():
+            return toml(value.tolist())
         case list() | tuple():
             return f"[{', '.join(map(toml, value))}]"
         case int() | np.integer():
@@ -47,8 +49,27 @@ def one_or_more(given: Any) -> list[Any]:
     return [given] if isinstance(given, str) else list(given)
 
 
-def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def columns(table: Any) -> dict[str, Any]:
+    """Return the columns of a mapping, a structured array or a data frame."""
+    if getattr(getattr(table, "index", None), "name", None) == "time":
+        table = table.reset_index()  # such as `Result.to_pandas` makes
+    if hasattr(table, "dtype"):
+        names = table.dtype.names
+    else:
+        names = getattr(table, "columns", table if isinstance(table, Mapping) else None)
+    if names is None or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"{type(table).__name__}, expected a table of named columns")
+    found = {name: table[name] for name in names}
+    for name, column in found.items():
+        if hasattr(column, "dtype") and np.asarray(column).dtype.kind in "mM":
+            raise TypeError(f"{name} has dates or durations, expected numbers, a time in s")
+    return found
+
+
+def elements(values: Mapping[str, Any] | None) -> Iterator[tuple[str, Any]]:
     """Return start values by name; those of arrays by the names of the elements."""
+    if values is None:
+        return
     names = values.keys() if hasattr(values, "keys") else (None,)
     if not all(isinstance(name, str) for name in names):
         raise TypeError(f"start values {values!r}, expected a dict from names to values")
@@ -60,7 +81,7 @@ def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield f"{name}[{','.join(str(i + 1) for i in index)}]", element
 
 
-def texts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
+def texts(values: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """Return start values as texts."""
     pairs = elements(values)
     return [(n, v if isinstance(v, str) else toml(v)) for n, v in pairs]

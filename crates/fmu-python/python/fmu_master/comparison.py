@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from . import _native
+from ._values import columns, one_or_more
 from .result import FmuError, Result, read
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def compare(
     >>> comparison = compare(a, b)
     >>> assert comparison.is_same, comparison
     """
-    tables = [_result(reference), _result(results)]
+    tables, hold = [_result(reference), _result(results)], one_or_more(hold)
     if unknown := set(hold) - set(tables[0]):
         raise FmuError(f"hold: the reference has no variable {min(unknown)}")
     columns = [
@@ -125,7 +126,7 @@ def compare(
         for table in tables
     ]
     names = ("the reference", "the results")
-    found = _native.compare(columns, names, absolute, relative, list(hold))
+    found = _native.compare(columns, names, absolute, relative, hold)
     differences = [Difference(name, time, tuple(two), text) for name, time, two, text in found]
     return Comparison(differences, *tables)
 
@@ -135,5 +136,6 @@ def _result(table: Table) -> Result:
         return table
     if isinstance(table, str | os.PathLike):
         return read(table)
-    names = list(getattr(table, "columns", table))
-    return Result.of({name: np.asarray(table[name]) for name in ("time", *names)}, {"time": "s"})
+    found = columns(table)
+    first = {"time": found["time"]} | found
+    return Result.of({name: np.asarray(column) for name, column in first.items()}, {"time": "s"})

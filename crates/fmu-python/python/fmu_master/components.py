@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ._values import one_or_more
+
 
 @dataclass(frozen=True)
 class PythonComponent:
@@ -65,8 +67,7 @@ def python_component(
     --------
     >>> controller = python_component(["y"], ["u"], lambda t, y: -30.0 * y)
     """
-    if unknown := {*(units or {}), *(types or {})} - {*inputs, *outputs}:
+    received, returned = tuple(one_or_more(inputs)), tuple(one_or_more(outputs))
+    if unknown := {*(units or {}), *(types or {})} - {*received, *returned}:
         raise ValueError(f"{min(unknown)} has a unit or type, but is no input or output")
-    return PythonComponent(
-        tuple(inputs), tuple(outputs), step, sample_time, units or {}, types or {}, reset
-    )
+    return PythonComponent(received, returned, step, sample_time, units or {}, types or {}, reset)

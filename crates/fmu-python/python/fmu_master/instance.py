@@ -100,10 +100,10 @@ class Instance:
             "start": start_time,
             "tolerance": tolerance,
         }
-        setup |= {"file": Path(filename).absolute(), "sizes": texts(start_values or {})}
+        setup |= {"file": Path(filename).absolute(), "sizes": texts(start_values)}
         self._native = _native.Instance(document(setup), [] if in_process else WORKER)
         self._time: float = start_time
-        self._starts: dict[str, Any] = dict(start_values or {})
+        self._starts: dict[str, Any] = {} if start_values is None else dict(start_values)
         self._is_initialized = False
         self._scalars: dict[str, list[int]] = {}
 

@@ -19,7 +19,7 @@ def respond(
     time: float | None,
     inputs: Sequence[str],
     outputs: Sequence[str],
-    start_values: Mapping[str, Any],
+    start_values: Mapping[str, Any] | None,
     signals: Signals,
     deviation: float,
     tolerance: float,

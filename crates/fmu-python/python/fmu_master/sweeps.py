@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._command import COMMAND
-from ._values import document
+from ._values import columns, document
 from .result import FmuError, Result, read
 from .system import System
 
@@ -173,8 +173,8 @@ def _opened(file: Path) -> dict[str, Any]:
 
 def _plan(plan: Any) -> dict[str, Any]:
     """Return the keys of a sweep file for a dict with them, or for start values."""
-    names = list(getattr(plan, "columns", plan))
-    if "parameter" in names:
-        return dict(plan)
-    lists = [np.asarray(plan[name]).tolist() for name in names]
-    return {"parameter": [{"variables": names, "together": lists}]}
+    table = columns(plan)
+    if "parameter" in table:
+        return table
+    lists = [np.asarray(values).tolist() for values in table.values()]
+    return {"parameter": [{"variables": list(table), "together": lists}]}

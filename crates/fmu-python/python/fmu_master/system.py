@@ -17,13 +17,14 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
-from ._values import document, elements, one_or_more, texts, toml
+from ._values import columns, document, elements, one_or_more, texts, toml
 from .components import PythonComponent
 from .result import FmuError, Result
 
 Input = Any
-"""Inputs over time: a structured array, a data frame, or a mapping from names to arrays or to
-functions of the time [s]. They have the column "time" [s] unless all are functions."""
+"""Inputs over time: a file (CSV or Parquet), a `Result`, a structured array, a data frame, or a
+mapping from names to arrays or to functions of the time [s]. They have the column "time" [s] unless
+all are functions."""
 
 
 class System:
@@ -191,7 +192,7 @@ class System:
             for function in functions:
                 if function.reset is not None:
                     function.reset()
-            given = self._given(changes, texts(start_values or {}))
+            given = self._given(changes, texts(start_values))
             done = runner.run(given, [function.step for function in functions], shown)
         for text in done["warnings"]:
             warnings.warn(text, stacklevel=2)
@@ -302,31 +303,33 @@ def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _input_file(given: Input, system: str) -> Iterator[Path]:
-    """Write inputs to a temporary CSV file."""
-    names = list(given.columns if hasattr(given, "columns") else given)
-    if hasattr(given, "dtype"):
-        names = list(given.dtype.names or ())
-    if "time" in names:
-        time = np.asarray(given["time"]).tolist()
-    elif all(callable(given[name]) for name in names):
+    """Write inputs to a temporary CSV file, unless they are one."""
+    if isinstance(given, str | os.PathLike):
+        yield Path(given).absolute()
+        return
+    table = columns(given)
+    if "time" in table:
+        time = np.ravel(table["time"]).tolist()
+    elif all(map(callable, table.values())):
         start, stop, step = _native.times(system)
         count = int((stop - start) / step + 1e-6) + 2
         time = (start + np.arange(count) * step).tolist()
     else:
-        raise FmuError(f"input = {', '.join(names)}, expected also a column time [s]")
-    table = {"time": time}
-    for name in names:
-        values = given[name]
-        table[name] = [values(t) for t in time] if callable(values) else np.asarray(values).tolist()
-        if len(table[name]) != len(time):
-            raise FmuError(f"input {name}: {len(table[name])} values, expected {len(time)}")
+        raise FmuError(f"input = {', '.join(table)}, expected also a column time [s]")
+    units = given.units if isinstance(given, Result) else {}
+    lists = {}
+    for name, values in ({"time": time} | table).items():
+        cells = [values(t) for t in time] if callable(values) else np.ravel(values).tolist()
+        if len(cells) != len(time):
+            raise FmuError(f"input {name}: {len(cells)} values, expected {len(time)}")
+        lists[f"{name} [{units[name]}]" if units.get(name) else name] = cells
     with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
         file = Path(folder, "input.csv")
         with file.open("w", encoding="utf-8", newline="") as text:
             # In quotes, an empty text is not a missing value.
             writer = csv.writer(text, quoting=csv.QUOTE_ALL)
-            writer.writerow(table)
-            for row in zip(*table.values(), strict=True):
+            writer.writerow(lists)
+            for row in zip(*lists.values(), strict=True):
                 writer.writerow([part if isinstance(part, str) else toml(part) for part in row])
         yield file
 
