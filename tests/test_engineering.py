@@ -314,6 +314,11 @@ def test_linearize_at_a_point_of_a_run_differentiates_the_nonlinear_plant(fmus, 
     np.testing.assert_allclose(other.B, model.B, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(other.C, model.C, atol=1e-9)
 
+    options["input"] = {"u": lambda t: 20 * t}
+    fine, coarse = (
+        linearize(fmus / "Pendulum.fmu", 0.4, **options, step_size=h).A for h in (1e-3, 0.01)
+    )
+    np.testing.assert_allclose(coarse, fine, rtol=1e-3, atol=1e-3)
 
 def test_what_does_not_fit_a_linear_model_is_named(fmus):
     for options, message in (

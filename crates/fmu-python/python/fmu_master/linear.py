@@ -192,8 +192,10 @@ def _of_fmu(
     with Instance(filename, "model-exchange", start_values) as fmu:
         steps = math.ceil((time or 0) / step_size - 1e-6)
         for _ in range(steps):
-            fmu.set({name: function(fmu.time) for name, function in signals.items()})
-            fmu.step((time or 0) / steps)
+            step = (time or 0) / steps
+            # What is held during a step is that of its middle.
+            fmu.set({name: function(fmu.time + step / 2) for name, function in signals.items()})
+            fmu.step(step)
         fmu.set({name: function(fmu.time) for name, function in signals.items()})
         names = [_continuous(fmu, "input") if inputs is None else inputs]
         names.append(_continuous(fmu, "output") if outputs is None else outputs)
