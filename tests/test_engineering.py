@@ -207,9 +207,10 @@ def test_tune_says_what_no_run_can_have_and_why_all_fail(fmus, tmp_path):
         ({"cases": [{}, {"plant.m0": 1.0}]}, "has no variable m0"),
         ({"plants": [{"plant.dynamics": 1.0}]}, 'plant.dynamics = "1.0" is invalid'),
         ({"output": "plant.y"}, "has no variable y"),
+        ({"cases": []}, "expected at least one parameter and one case"),
         *[(all_fail, "all runs fail, such as that with .*: plant .*, M = -1.0: .* is refused")] * 2,
     ):
-        with pytest.raises(FmuError, match=message):
+        with pytest.raises((FmuError, ValueError), match=message):
             tuned(fmus, generations=0, **options)
 
 
@@ -313,12 +314,12 @@ def test_linearize_at_a_point_of_a_run_differentiates_the_nonlinear_plant(fmus, 
     np.testing.assert_allclose(other.A, model.A, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(other.B, model.B, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(other.C, model.C, atol=1e-9)
-
     options["input"] = {"u": lambda t: 20 * t}
     fine, coarse = (
         linearize(fmus / "Pendulum.fmu", 0.4, **options, step_size=h).A for h in (1e-3, 0.01)
     )
     np.testing.assert_allclose(coarse, fine, rtol=1e-3, atol=1e-3)
+
 
 def test_what_does_not_fit_a_linear_model_is_named(fmus):
     for options, message in (

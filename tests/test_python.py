@@ -31,6 +31,7 @@ from fmu_master import (
     System,
     compare,
     python_component,
+    read,
     simulate,
     sweep,
 )
@@ -360,6 +361,8 @@ def test_what_does_not_fit_an_instance_is_named(fmus):
         with Instance("target/fmu/PidRbf_fmi3.fmu", in_process=True) as controller:
             with pytest.raises(FmuError, match=message):
                 controller.set("rbf.w0", value)
+            with pytest.raises(FmuError, match="nodes is a structural parameter, expected in"):
+                controller.set("rbf.nodes", 2)
             controller.set("rbf.w0", np.arange(4.0))
             controller.set("rbf.w0[2]", 7.0)
             assert controller.get("rbf.w0").tolist() == [0.0, 7.0, 2.0, 3.0]
@@ -570,6 +573,16 @@ def test_keywords_replace_the_keys_of_a_sweep_file(loop):
     assert repr(runs).startswith("<Result: 2 rows: index, plant.M, iae, ")
     assert runs.to_pandas().index.tolist() == runs.plot().axes[0].lines[0].get_xdata().tolist()
     assert "index" not in runs.summary
+
+
+def test_an_array_has_its_elements_only_and_a_column_with_texts_is_one_of_objects(tmp_path):
+    result = Result.of({name: [1.0] for name in ("time", "a[1].b[1]", "a[1].b[2]", "a[1].c")}, {})
+    assert result["a[1].b"].tolist() == [[1, 1]]
+    with pytest.raises(KeyError, match="a is not recorded"):
+        result["a"]
+    file = tmp_path / "mixed.csv"
+    file.write_text("time,x\n0,1\n1,on\n")
+    assert read(file)["x"].tolist() == [1, "on"]
 
 
 def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):

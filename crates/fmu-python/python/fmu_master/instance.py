@@ -163,6 +163,9 @@ class Instance:
         values = {name: value} if isinstance(name, str) else name
         scalars = self._values(values)
         if not self._is_initialized:
+            for part in self.variables.keys() & values.keys():
+                if self.variables[part].causality == "structuralParameter":
+                    raise FmuError(f"{part} is a structural parameter, expected in `start_values`")
             self._starts |= values
         else:
             self._native.set(scalars)

@@ -119,7 +119,7 @@ class Result(Mapping[str, np.ndarray]):
     def __getitem__(self, name: str) -> np.ndarray:
         if name in self._columns:
             return self._columns[name]
-        elements = [n for n in self._columns if n.startswith(f"{name}[")]
+        elements = [n for n in self._columns if re.fullmatch(rf"{re.escape(name)}\[[\d,]+\]", n)]
         if not elements:
             raise KeyError(f"{name} is not recorded; recorded are {', '.join(self._columns)}")
         return np.stack([self._columns[n] for n in elements], axis=1)
@@ -212,9 +212,8 @@ def read(filename: str | os.PathLike[str]) -> Result:
 
 
 def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
-    given = [cell for cell in cells if cell is not None]
     # Of the columns that may have no values, only that of the failures has texts.
-    if all(isinstance(cell, str) for cell in given) and (given or name == "failure"):
+    if any(isinstance(cell, str) for cell in cells) or name == "failure":
         return np.array(cells, object)
     return np.array([np.nan if cell is None else cell for cell in cells])
 

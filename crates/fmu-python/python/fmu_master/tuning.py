@@ -102,6 +102,8 @@ def tune(
 
     system = system if isinstance(system, System) else System(system)
     names = list(parameters)
+    if not names or not cases:
+        raise ValueError("expected at least one parameter and one case")
     for name, (low, high) in parameters.items():
         if not -math.inf < low < high < math.inf:
             raise ValueError(
