@@ -735,14 +735,17 @@ def test_faults_change_what_arrives(relay, tmp_path):
     ends, steps = SECONDS[1:], SECONDS[:-1]
     acts = (steps >= 100) & (steps < 200)
     faults = [
-        {"delay": 2.0},
+        {"delay": 0.0},
+        {"delay": 2.0, "stop": 300.0},
         {"gain": -0.5, "start": 100.0, "stop": 200.0},
         {"offset": 3.0},
         {"drift": 0.125, "start": 40.0},
+        {"dropout": 1.0, "start": 60.0, "stop": 70.0},
         {"saturation": [-20.0, 350.0]},
     ]
-    arrived = np.maximum(ends - 2, ends[0])
+    arrived = np.where(steps < 300, np.maximum(ends - 2, ends[0]), ends)
     arrived = np.where(acts, -0.5 * arrived, arrived) + 3 + 0.125 * np.maximum(steps - 40, 0)
+    arrived[(steps >= 60) & (steps < 70)] = arrived[steps == 59.75]
     same(faulty(relay, tmp_path, faults), np.clip(arrived, -20, 350))
 
 

@@ -205,35 +205,6 @@ mod tests {
         Fault::new(table.remove("fault").unwrap())
     }
 
-    /// What arrives of 0, 1, 2, ... in steps of 0.1 s.
-    fn passed(text: &str) -> Vec<f64> {
-        let experiment = Experiment { start: 0.0, stop: 0.6, step: 0.1 };
-        let mut stage = Stage::new(&fault(text).unwrap(), 1, 0, &experiment);
-        let pass = |k: u64| stage.pass(k as f64, k, experiment.time(k), 1e-7);
-        (0..7).map(pass).collect()
-    }
-
-    #[test]
-    fn each_fault_does_what_it_says_between_its_times() {
-        for (text, expected) in [
-            ("offset = 10, start = 0.3, stop = 0.5", [0.0, 1.0, 2.0, 13.0, 14.0, 5.0, 6.0]),
-            ("gain = -1, stop = 0.3", [0.0, -1.0, -2.0, 3.0, 4.0, 5.0, 6.0]),
-            ("saturation = [1.5, 4]", [1.5, 1.5, 2.0, 3.0, 4.0, 4.0, 4.0]),
-            ("delay = 0.3", [0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0]),
-            ("delay = 0.3, start = 0.4, stop = 0.6", [0.0, 1.0, 2.0, 3.0, 1.0, 2.0, 6.0]),
-            ("delay = 0", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
-            ("dropout = 1, start = 0.2, stop = 0.5", [0.0, 1.0, 1.0, 1.0, 1.0, 5.0, 6.0]),
-            ("dropout = 0", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
-        ] {
-            assert_eq!(passed(text), expected, "{text}");
-        }
-        let drifting = passed("drift = 10, start = 0.3");
-        for (k, value) in drifting.into_iter().enumerate() {
-            let expected = k as f64 + 10.0 * (0.1 * k as f64 - 0.3).max(0.0);
-            assert!((value - expected).abs() < 1e-12, "{k}: {value}");
-        }
-    }
-
     #[test]
     fn wrong_faults_are_rejected_with_the_expectation() {
         for (text, reason) in [
