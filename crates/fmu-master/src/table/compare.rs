@@ -138,28 +138,3 @@ fn is_equal(a: &Cell, b: &Cell, tolerance: f64) -> bool {
 fn is_boolean(cell: &Cell) -> bool {
     matches!(cell, Some(Value::Boolean(_)))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::read;
-    use super::*;
-
-    fn compared(a: &str, b: &str) -> Vec<Difference> {
-        let [a, b] = [a, b].map(|text| read::csv(text, |_, field| read::value(field)).unwrap());
-        let tolerance = Tolerance { absolute: 1e-12, relative: 0.0 };
-        compare([&a, &b], tolerance, |_| false).unwrap()
-    }
-
-    #[test]
-    fn rows_after_an_event_count_and_missing_values_differ_from_present_ones() {
-        let a = "time,x,flag,text\n0,0.5,true,\n1,0.7,true,a\n1,0.9,false,a\n";
-        let b = "time,x,flag,text\n0,0.5,true,\n1.0000000000001,0.9,false,a\n";
-        assert_eq!(compared(a, b), []);
-        for (old, new, name) in
-            [("0.9", "NaN", "x"), ("false", "true", "flag"), ("a\n", "\n", "text")]
-        {
-            let differences = compared(a, &b.replace(old, new));
-            assert_eq!((differences.len(), differences[0].name.as_str()), (1, name));
-        }
-    }
-}
