@@ -492,7 +492,7 @@ SIGNALS = {
 
 
 def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
-    """The integral of |e| is that of the samples, by the left rectangle."""
+    """The integrals of the error are those of the samples, by the left rectangle."""
     plan = {
         "controller.pid.kp": [200.0, 300.0, 250.0],
         "plant.M": [1.0, 1.1, 1.2],
@@ -508,8 +508,10 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
         error = result["controller.e"]
         assert runs["final_e"][index] == error[-1]
         assert runs["largest_u"][index] == np.max(np.abs(result["controller.u"]))
-        integral = np.sum(np.abs(error[:-1]) * np.diff(result["time"]))
-        assert runs["iae"][index] == pytest.approx(integral, rel=1e-12)
+        since, size = result["time"][:-1] - result["time"][0], np.abs(error[:-1])
+        for name, held in {"iae": size, "ise": size**2, "itae": since * size}.items():
+            integral = np.sum(held * np.diff(result["time"]))
+            assert runs[name][index] == pytest.approx(integral, rel=1e-12)
     fields = {field.name: str(field.type) for field in pyarrow.parquet.read_schema(out)}
     assert list(fields)[:3] == ["index", "controller.pid.kp", "plant.M"]
     assert [fields[name] for name in ("index", "iae", "diverged")] == ["int64", "double", "bool"]

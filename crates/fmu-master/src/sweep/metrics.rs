@@ -277,24 +277,6 @@ mod tests {
     }
 
     #[test]
-    fn a_first_order_decay_matches_its_closed_form_integrals() {
-        for constant in [0.1, 0.5, 1.0] {
-            let found = summary(decay(constant));
-            // The error of the rectangle rule is half a step times the drop of the integrand from 1 to 0.
-            for (value, expected) in [
-                (found.iae, constant + 0.0005),
-                (found.ise, constant / 2.0 + 0.0005),
-                (found.itae, constant * constant),
-            ] {
-                assert!((value - expected).abs() < 2e-6, "{found:?}");
-            }
-            assert_eq!(found.overshoot, Some(0.0));
-            let late = found.settling_time.unwrap() + constant * libm::log(0.003);
-            assert!((0.0..=0.001).contains(&late), "{late}");
-        }
-    }
-
-    #[test]
     fn a_second_order_step_response_overshoots_by_its_damping() {
         for damping in [0.2f64, 0.5, 0.8] {
             let root = (1.0 - damping * damping).sqrt();
