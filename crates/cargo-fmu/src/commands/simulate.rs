@@ -24,7 +24,6 @@ use super::worker::{self, Limited};
 use crate::counted;
 use crate::plot::Page;
 use crate::session::{self, Session};
-use crate::style::WARNING;
 use crate::table;
 
 /// The FMU or system to simulate, and changes to it.
@@ -122,9 +121,7 @@ pub fn supervise(
                 args.page.draw_runs(&stem(&args.system), &runs, out)?;
             }
             if let Some(ended) = finished.crash {
-                crate::tell(format_args!(
-                    "{WARNING}warning:{WARNING:#} after the simulation, the process {ended}"
-                ));
+                worker::warn(&format!("after the simulation, the process {ended}"));
             }
             Ok(ExitCode::SUCCESS)
         }
@@ -207,7 +204,7 @@ fn warn(messages: &[Message]) {
             1 => String::new(),
             times => format!(" ({times} times)"),
         };
-        crate::tell(format_args!("{WARNING}warning:{WARNING:#} {instance}: {text}{times}"));
+        worker::warn(&format!("{instance}: {text}{times}"));
     }
 }
 
