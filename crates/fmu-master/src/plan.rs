@@ -190,9 +190,19 @@ impl Plan {
     /// A start value for `component.variable` that replaces the one of the description.
     ///
     /// # Errors
-    /// There is no such variable, or the value has the wrong type.
+    /// There is no such variable, the value has the wrong type, or another value replaces it.
     pub fn start(&self, name: &str, value: &Written) -> Result<Start> {
         let port = port(&self.components, name)?;
+        let link = self.links.iter().find(|link| link.to == port);
+        if let Some(Link { from, .. }) = link {
+            let from = from.name(&self.components);
+            bail!("{name} = {value} has no effect, as {from} is connected to it");
+        }
+        let has_column = self.input.iter().flat_map(Input::ports).any(|fed| fed == port);
+        ensure!(
+            !has_column,
+            "{name} = {value} has no effect, as the table of inputs has a column for it"
+        );
         ensure!(
             port.of(&self.components).causality != Causality::StructuralParameter,
             "{name} = {value} cannot be set for single runs, as it is the size of arrays; expected it in the start values of the system"
