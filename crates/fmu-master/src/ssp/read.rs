@@ -86,9 +86,16 @@ fn describe(opened: &mut Vec<Files>) -> Result<Description> {
     let mut system = System::new(opened, units_of(&root));
     system.add(system_of(&root)?, "")?;
     let connections = system.connections()?;
-    let time = |name| root.child(EXPERIMENT).and_then(|experiment| experiment.real(name));
-    let start = time("startTime").unwrap_or(0.0);
-    let stop = time("stopTime").unwrap_or(start + 1.0);
+    let experiment = root.child(EXPERIMENT);
+    let time =
+        |name, default| match experiment.and_then(|e| Some((e.attribute(name)?, e.real(name)))) {
+            None => Ok(default),
+            Some((text, time)) => {
+                time.with_context(|| format!("{name} is {text:?}, expected a time in s"))
+            }
+        };
+    let start = time("startTime", 0.0)?;
+    let stop = time("stopTime", start + 1.0)?;
     let of_fmus =
         || system.models.iter().flatten().filter_map(|m| m.experiment[2]).reduce(f64::min);
     let step = step(&root).or_else(of_fmus).unwrap_or((stop - start) / 500.0);
