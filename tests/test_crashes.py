@@ -73,12 +73,12 @@ def test_an_fmu_that_ends_the_process_is_named_and_its_rows_are_kept(folder, fau
     assert result.returncode == 1
     where = r"plant \(Faulty.fmu\), step of 0.001 s at t = 0.5 s: fmi2DoStep "
     reason = "" if fault == "TELL" else "; the FMU logged no reason"
-    kept = "; the rows up to t = 0.499 s are in out.csv.part"
+    kept = "; the rows up to t = 0.5 s are in out.csv.part"
     said = f"error: {where}{ENDS[fault]}{reason}{kept}\n"
     assert re.fullmatch(said, result.stderr), result.stderr
     assert (folder / "out.csv").read_text() == "of an earlier run"
     kept = read_csv(folder / "out.csv.part")
-    assert len(kept["time"]) == 500
+    assert len(kept["time"]) == 501
     assert list(kept["plant.y"]) == pytest.approx(list(kept["time"]))
 
 
@@ -152,23 +152,23 @@ HANG = ("simulate", "system.toml", FAULT, "--set=plant.at=0.5")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_simulation_keeps_its_rows(folder, number):
     def hangs() -> bool:
-        return lines(folder / "out.csv.part") == 501
+        return lines(folder / "out.csv.part") == 502
 
     code, errors = interrupted(folder, number, hangs, *HANG, "--csv=out.csv")
     assert code == 128 + number
-    kept = "the rows up to t = 0.499 s are in out.csv.part"
+    kept = "the rows up to t = 0.5 s are in out.csv.part"
     assert errors == f"interrupted at t = 0.5 s; {kept}\n"
-    assert len(read_csv(folder / "out.csv.part")["time"]) == 500
+    assert len(read_csv(folder / "out.csv.part")["time"]) == 501
 
 
 def test_a_killed_supervisor_takes_its_worker_along(folder):
     """All rows but those of the last second are in the file."""
     part = folder / "out.csv.part"
     with subprocess.Popen([PROGRAM, *HANG, "--csv=out.csv"], cwd=folder) as process:
-        wait_until(lambda: lines(part) == 501, process)
+        wait_until(lambda: lines(part) == 502, process)
         process.kill()
     wait_until(lambda: not list((folder / "temporary").iterdir()))
-    assert read_csv(part)["time"][-1] == 0.499
+    assert read_csv(part)["time"][-1] == 0.5
 
 
 def test_the_next_command_removes_what_killed_sweeps_have_left_though_workers_still_write(folder):

@@ -186,7 +186,7 @@ impl Simulation<'_> {
         // Native systems do not ask at each step.
         let cycles = self.components.iter().any(|component| component.calling.instance.has_cycle());
         let steps = match (self.ended.take(), is_plain, cycles) {
-            (Some(failure), ..) => self.record_start().and(Err(failure)),
+            (Some(failure), ..) => self.record_start(&mut observe).and(Err(failure)),
             (None, true, true) => self.steps::<true, true>(&mut observe),
             (None, true, false) => self.steps::<true, false>(&mut observe),
             _ => self.steps::<false, false>(&mut observe),
@@ -210,20 +210,23 @@ impl Simulation<'_> {
     }
 
     /// Takes the values before the first step.
-    fn record_start(&mut self) -> Called {
+    fn record_start(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
         self.row.time = self.plan.experiment.start;
-        let read = self.read_all::<false>();
+        self.read_all::<false>()?;
         self.row.store.record::<false>(&self.plan.wiring.before, &self.outputs);
-        read
+        if !self.plan.steps_from_stop() {
+            observe(&self.row);
+        }
+        Ok(())
     }
 
-    /// Ends a run after a step or the first event in which an FMU has ended the simulation. The row of the communication point is
-    /// complete if no sampled component had yet to step. A single FMU has one more row, at the time that it has
-    /// reached.
+    /// Ends a run after a step or the first event in which an FMU has ended the simulation. If the row of the
+    /// communication point waits for sampled components, it is complete if none of them had yet to step. A single FMU
+    /// has one more row, at the time that it has reached.
     fn end_early(&mut self, end: &Failure, mut observe: impl FnMut(&Row) -> bool) -> Called {
         let wiring = &self.plan.wiring;
         let mut all = self.plan.components.iter().skip_while(|c| c.name != end.component);
-        if all.all(|component| !component.sampled) {
+        if self.plan.steps_from_stop() && all.all(|component| !component.sampled) {
             self.row.store.record::<false>(&wiring.after, &self.outputs);
             observe(&self.row);
         }
@@ -247,7 +250,9 @@ impl Simulation<'_> {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
-        let last = if self.plan.steps_from_stop() { steps } else { steps.saturating_sub(1) };
+        // Without sampled components, a row is complete before the step.
+        let is_late = self.plan.steps_from_stop();
+        let last = if is_late { steps } else { steps.saturating_sub(1) };
         let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
@@ -259,12 +264,15 @@ impl Simulation<'_> {
             }
             self.row.time = time;
             self.row.store.record::<PLAIN>(&wiring.before, &self.outputs);
+            if !is_late && !observe(&self.row) {
+                break;
+            }
             if k < last {
                 let stepped = self.step::<PLAIN, CYCLES>(k, time, experiment.step);
                 stepped.map_err(failed_at(time))?;
                 self.row.store.record::<PLAIN>(&wiring.after, &self.outputs);
             }
-            if !observe(&self.row) {
+            if is_late && !observe(&self.row) {
                 break;
             }
         }
