@@ -107,6 +107,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
     ) -> Result<bool> {
         // The tasks that nobody has.
         let mut rest = number;
+        let most = self.count.min(number as usize).max(self.busy.len());
         let mut waiting: VecDeque<T> = VecDeque::new();
         let mut pause = FIRST_PERIOD;
         loop {
@@ -114,7 +115,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                 return Ok(false);
             }
             pause = (2 * pause).min(PERIOD);
-            for index in (0..self.count).rev() {
+            for index in (0..most).rev() {
                 let mut next = || waiting.pop_front().or_else(|| tasks.next());
                 let Some(busy) = self.busy.get_mut(index) else {
                     if let Some(task) = next() {
