@@ -247,7 +247,7 @@ impl Study {
             fingerprint,
         };
         for index in study.parameters.corners() {
-            study.starts(index)?;
+            study.starts(index, |_| true)?;
         }
         Ok(study)
     }
@@ -293,7 +293,7 @@ impl Study {
         while let Some(task) = service.task()? {
             let record = service.record();
             let reply = match task {
-                Task::Try(index) => self.initialize(index, record).map(|_| None),
+                Task::Try(index) => self.fits(index, record).map(|()| None),
                 Task::Simulate(index) => self.simulate(index, record).map(Some),
             };
             let is_lost = self.plan.components.iter().any(|component| component.fmu.is_lost());
@@ -306,25 +306,37 @@ impl Study {
         Ok(())
     }
 
-    /// The start values of a run.
-    fn starts(&self, index: u64) -> Result<Vec<Start>> {
+    /// The start values of a run, of the variables that are wanted.
+    fn starts(&self, index: u64, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Start>> {
         let mut starts = self.set.clone();
-        for (name, value) in self.parameters.run(index)? {
+        for (name, value) in self.parameters.run(index)?.into_iter().filter(|(n, _)| is_wanted(n)) {
             starts.push(self.plan.start(name, &written(&value))?);
         }
         Ok(starts)
     }
 
-    fn initialize(&self, index: u64, record: &Record) -> Result<Simulation<'_>> {
+    /// Checks that the FMUs accept the values of a run. If they refuse a draw, other runs may be fine.
+    fn fits(&self, index: u64, record: &Record) -> Result<()> {
+        let is_listed = |name: &str| !self.parameters.is_random(name);
+        let tried = self.initialize(index, record, |_| true);
+        tried.or_else(|e| self.initialize(index, record, is_listed).map_err(|_| e)).map(drop)
+    }
+
+    fn initialize(
+        &self,
+        index: u64,
+        record: &Record,
+        is_wanted: impl Fn(&str) -> bool,
+    ) -> Result<Simulation<'_>> {
         let messages = Messages::of_problems(record.clone());
-        let starts = self.starts(index);
+        let starts = self.starts(index, is_wanted);
         let simulation = starts.and_then(|starts| self.plan.simulate(&starts, &messages));
         simulation.with_context(|| format!("run {index}"))
     }
 
     /// Simulates a run. One that an FMU ends early counts as diverged.
     fn simulate(&self, index: u64, record: &Record) -> Result<Done> {
-        let simulation = match self.initialize(index, record) {
+        let simulation = match self.initialize(index, record, |_| true) {
             Ok(simulation) => simulation,
             // It may refuse some of the values that are drawn.
             Err(error) => {
