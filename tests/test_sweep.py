@@ -53,3 +53,14 @@ def test_a_rejected_draw_is_a_failed_run(program, tmp_path, seed):
         assert row["diverged"] == str(is_rejected).lower()
         assert row["failure"].startswith("plant (Pendulum.fmu), M = -") == is_rejected
         assert bool(row["failure"]) == is_rejected
+
+
+def test_a_sweep_of_which_every_run_fails_is_an_error(program, tmp_path):
+    text = 'draws = 3\n[[parameter]]\nvariable = "plant.M"\nnormal = [-9, 1]'
+    out = tmp_path / "out.csv"
+    result = local(sweeps.written(tmp_path, text), out)
+    assert result.returncode == 1
+    reason = "error: 3 of 3 runs failed, the first was run 0: plant (Pendulum.fmu), M = -"
+    assert result.stderr.startswith(reason)
+    assert len(sweeps.table(out)) == 3
+    assert not journal_of(out).exists()

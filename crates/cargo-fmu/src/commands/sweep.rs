@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
-use fmu_master::sweep::{Outline, Study, Workers};
+use fmu_master::sweep::{Outline, Progress, Study, Workers};
 use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -98,15 +98,19 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         let by_default =
             || Path::new(args.sweep.file_stem().unwrap_or_default()).with_extension("csv");
         let file = args.out.clone().unwrap_or_else(by_default);
-        let runs = match args.collect {
+        let written = match args.collect {
             true => collect(&study, &workers, &file, out)?,
             false => write(&study, &workers, &file, out)?,
         };
-        if let Some(runs) = runs {
-            writeln!(out, "wrote {}: {}", file.display(), counted(runs, "row"))?;
+        if let Some(Progress { runs, failed, first_failure, .. }) = &written {
+            writeln!(out, "wrote {}: {}", file.display(), counted(*runs, "row"))?;
             args.page.draw_sweep(&stem(&args.sweep), &file, out)?;
+            if let (true, Some((run, failure))) = (failed == runs, first_failure) {
+                let all = counted(*runs, "run");
+                bail!("{runs} of {all} failed, the first was run {run}: {failure}");
+            }
         }
-        runs.is_some()
+        written.is_some()
     };
     match session.signal().filter(|_| !is_complete) {
         Some(signal) => Ok(session::code(signal)),
@@ -114,29 +118,26 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
     }
 }
 
-/// Collects the rows that a coordinator passes on; returns their number unless some are missing.
+/// Collects the rows that a coordinator passes on; returns what came of them unless some are missing.
 fn collect(
     study: &Study,
     workers: &Workers<'_>,
     file: &Path,
     out: &mut impl Write,
-) -> Result<Option<u64>> {
-    let mut runs = 0;
+) -> Result<Option<Progress>> {
     let begin = |outline: &Outline<'_>, missing: &[(u64, u64)]| {
-        runs = outline.runs;
         Ok(writeln!(out, "{}", serde_json::to_string(&(outline, missing))?)?)
     };
-    let is_complete = study.collect(file, workers, begin, io::stdin().lock())?;
-    Ok(is_complete.then_some(runs))
+    study.collect(file, workers, begin, io::stdin().lock())
 }
 
-/// Executes the remaining runs and prints a summary; returns the number of all rows unless cancelled.
+/// Executes the remaining runs and prints a summary; returns what came of all runs unless cancelled.
 fn write(
     study: &Study,
     workers: &Workers<'_>,
     file: &Path,
     out: &mut impl Write,
-) -> Result<Option<u64>> {
+) -> Result<Option<Progress>> {
     let bar = progress_bar()?;
     let mut begin = Instant::now();
     let (is_complete, progress) = study.write(file, workers, |progress| {
@@ -164,18 +165,18 @@ fn write(
     if before > 0 {
         writeln!(out, "{} already done", counted(before, "run"))?;
     }
-    if let Some((run, failure)) = progress.first_failure {
+    if let Some((run, failure)) = &progress.first_failure {
         let failed = counted(progress.failed, "run");
         writeln!(out, "{failed} failed, the first was run {run}: {failure}")?;
     }
-    if let Some(first) = progress.first_diverged {
+    if let Some(first) = &progress.first_diverged {
         let (diverged, runs) = (progress.diverged, counted(runs, "run"));
         writeln!(out, "{diverged} of {runs} diverged or failed, the first: {first}")?;
     }
-    if let Some((iae, best)) = progress.best {
+    if let Some((iae, best)) = &progress.best {
         writeln!(out, "smallest iae, {iae:.6e}: {best}")?;
     }
-    Ok(Some(runs))
+    Ok(Some(progress))
 }
 
 fn progress_bar() -> Result<ProgressBar> {

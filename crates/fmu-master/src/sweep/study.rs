@@ -105,7 +105,7 @@ pub struct Progress {
     pub before: u64,
     /// Number of runs done since.
     pub done: u64,
-    /// Number of these that failed.
+    /// Once all runs are done: the number of those that failed.
     pub failed: u64,
     /// The first of these, and why.
     pub first_failure: Option<(u64, String)>,
@@ -134,6 +134,15 @@ impl Progress {
             })
         });
         let run = || Vec::from_iter(named).join(", ");
+        if let (Some(Value::Int64(index)), Some(Value::String(why))) =
+            (value("index"), value("failure"))
+        {
+            let index = *index as u64;
+            self.failed += 1;
+            if self.first_failure.as_ref().is_none_or(|(first, _)| index < *first) {
+                self.first_failure = Some((index, why.clone()));
+            }
+        }
         if let Some(Value::Boolean(true)) = value("diverged") {
             self.diverged += 1;
             self.first_diverged.get_or_insert_with(run);
@@ -476,7 +485,6 @@ impl Study {
             journal.append(lines)?;
             progress.done += done.len() as u64;
             for (run, failure) in done.into_iter().filter_map(|(run, why)| Some((run, why?))) {
-                progress.failed += 1;
                 let first = progress.first_failure.get_or_insert((run, String::new()));
                 if run <= first.0 {
                     *first = (run, failure);
@@ -501,7 +509,7 @@ impl Study {
 
     /// Collects the rows of a sweep that other machines run: `begin` receives the outline and the ranges of
     /// the runs that are not yet in the journal of `file`, and `lines` has their rows. When they end, writes
-    /// all rows to `file` and returns true, unless some are missing.
+    /// all rows to `file` and returns what came of them, unless some are missing.
     ///
     /// # Errors
     /// As [`Study::write`]; or a line is no row.
@@ -511,7 +519,7 @@ impl Study {
         workers: &Workers<'_>,
         begin: impl FnOnce(&Outline<'_>, &[(u64, u64)]) -> Result<()>,
         mut lines: impl BufRead,
-    ) -> Result<bool> {
+    ) -> Result<Option<Progress>> {
         self.try_corners(&mut self.pool(workers))?;
         let runs = self.parameters.runs;
         let (system, input, files) = (&self.files[0].0, self.input.as_deref(), &*self.files);
@@ -524,13 +532,13 @@ impl Study {
             journal.append(&line)?;
             line.clear();
         }
-        let missing = journal.missing();
-        match missing[..] {
-            [] => journal.finish(|_| ())?,
-            [(0, end)] if end == runs => journal.remove()?,
-            _ => journal.keep()?,
+        let mut progress = Progress { runs, ..Progress::default() };
+        match journal.missing()[..] {
+            [] => journal.finish(|row| progress.see(&self.columns, row))?,
+            [(0, end)] if end == runs => return journal.remove().map(|()| None),
+            _ => return journal.keep().map(|()| None),
         }
-        Ok(missing.is_empty())
+        Ok(Some(progress))
     }
 }
 

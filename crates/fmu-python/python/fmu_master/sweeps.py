@@ -146,7 +146,7 @@ def sweep(
     Raises
     ------
     FmuError
-        The plan or the system does not fit, or the table belongs to another sweep.
+        The plan or the system does not fit, the table belongs to another sweep, or all runs failed.
 
     Examples
     --------
