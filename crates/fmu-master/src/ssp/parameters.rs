@@ -20,7 +20,7 @@ impl System<'_> {
             let mapping = self.part(holder, Some(holder), MAPPING, &mut mapping_text)?;
             mapping.children(vocabulary::MAPPING_ENTRY).map(entry).collect()
         });
-        let entries: Vec<(String, Link)> = entries.transpose()?.unwrap_or_default();
+        let entries: Option<Vec<(String, Link)>> = entries.transpose()?;
         let own =
             units(set.list(vocabulary::UNITS_OF_SET, vocabulary::UNIT), vocabulary::BASE_UNIT);
         for parameter in set.list(vocabulary::PARAMETERS, vocabulary::PARAMETER) {
@@ -31,10 +31,16 @@ impl System<'_> {
                 name: name.to_owned(),
             });
             let name = format!("{}{name}", binding.attribute("prefix").unwrap_or_default());
-            let mapped = entries.iter().filter(|(_, link)| link.from.1 == name);
-            let mapped = Vec::from_iter(mapped);
-            let unmapped = (name.clone(), Link::default());
-            for (target, link) in if mapped.is_empty() { vec![&unmapped] } else { mapped } {
+            let from = (String::new(), name.clone());
+            let unmapped = [(name.clone(), Link { from, ..Link::default() })];
+            // A mapping leaves out all that it does not name.
+            let targets = entries.as_deref().unwrap_or(&unmapped).iter();
+            let targets = Vec::from_iter(targets.filter(|(_, link)| link.from.1 == name));
+            if targets.is_empty() {
+                let name = join(path, &name);
+                self.warnings.push(format!("the mapping leaves out the parameter {name}"));
+            }
+            for (target, link) in targets {
                 self.set(path, target, link, &value, unit.as_ref())
                     .with_context(|| format!("parameter {name}"))?;
             }
