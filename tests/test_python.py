@@ -169,7 +169,7 @@ def test_a_fault_is_an_exception_with_the_rows_so_far(faulty, fault, ended):
         simulate(faulty, stop_time=1.0, step_size=0.125, start_values=start)
     error = caught.value
     assert (error.component, error.function, error.time) == ("Faulty", "fmi2DoStep", 0.5)
-    assert error.result["time"].tolist() == [0.0, 0.125, 0.25, 0.375]
+    assert error.result["time"].tolist() == [0.0, 0.125, 0.25, 0.375, 0.5]
 
 
 def test_results_have_the_types_of_fmi_in_numpy_pandas_polars_and_files(sums, tmp_path):
