@@ -6,6 +6,7 @@
 import subprocess
 
 import pytest
+
 import sweeps
 from native import printed
 from pendulum_fmus.project import PROGRAM
@@ -43,7 +44,8 @@ def test_a_killed_sweep_resumes(program, tmp_path):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_rejected_draw_is_a_failed_run(program, tmp_path, seed):
     """A normal distribution around the minimum mass; the first draw is below it with seed 1."""
-    text = f'seed = {seed}\ndraws = 50\nstop = 0.01\n[[parameter]]\nvariable = "plant.M"\nnormal = [0, 1]'
+    text = f"seed = {seed}\ndraws = 50\nstop = 0.01\n[[parameter]]\nvariable = 'plant.M'"
+    text += "\nnormal = [0, 1]"
     out = tmp_path / "out.csv"
     local(sweeps.written(tmp_path, text), out)
     rows = sweeps.table(out)
