@@ -66,9 +66,10 @@ fn read_as(file: &Path, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Se
 }
 
 pub(super) fn csv(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
-    // Other programs begin with a mark, and end lines with two characters.
+    // Other programs begin with a mark, end lines with two characters, and add empty lines.
     let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
-    let (titles, mut rest) = fields(&text).context("line 1, expected names in CSV")?;
+    let (titles, mut rest) =
+        fields(text.trim_end_matches('\n')).context("line 1, expected names in CSV")?;
     let titles = titles.iter().map(|title| title.as_deref().unwrap_or_default());
     let mut table = Vec::from_iter(titles.map(Series::titled));
     let mut line = 1;
