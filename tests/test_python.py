@@ -541,6 +541,9 @@ def test_a_run_that_crashes_is_a_row_of_a_sweep_of_a_frame_also_on_dask(faulty):
         assert [text is not None for text in runs["failure"]] == [False, True, False]
         assert "at t = 0.5" in runs["failure"][1]
         assert "signal 11" in runs["failure"][1]
+    with pytest.raises(FmuError, match="1 of 1 run failed, the first was run 0: ") as caught:
+        sweep({"at": [0.5], "fault": [FAULTS.index("CRASH")]}, System(faulty), signals=signals)
+    assert "signal 11" in caught.value.result["failure"][0]
 
 
 def test_a_sweep_of_a_frame_resumes(loop, tmp_path):

@@ -52,7 +52,7 @@ class FmuError(RuntimeError):
     time : float or None
         The communication point [s].
     result : Result or None
-        The rows up to then.
+        The rows up to then, or the table of a sweep if all its runs failed and no file has it.
     """
 
     def __init__(

@@ -96,6 +96,14 @@ class Sweep:
         with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
             yield Path(folder, "out.csv")
 
+    def _result(self, code: int, errors: str, out: Path) -> Result:
+        """Return the table; if all runs failed, an exception has one that is kept nowhere else."""
+        if code:
+            table = read(out) if self.out is None and out.exists() else None
+            text = errors.strip().removeprefix("error: ")
+            raise FmuError(text, result=table)
+        return read(out)
+
     def run(self, processes: int = 0) -> Result:
         """Run the sweep in worker processes, by default one for each core; return the table."""
         if processes < 0:
@@ -103,9 +111,7 @@ class Sweep:
         with self.files() as arguments, self.table() as out:
             command = [*COMMAND, "sweep", *arguments, f"--out={out}", f"--threads={processes}"]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise FmuError(done.stderr.strip().removeprefix("error: "))
-            return read(out)
+            return self._result(done.returncode, done.stderr, out)
 
     def dask(self, client: Client) -> Result:
         """Run the sweep on the workers of a Dask cluster, which need nothing of this package.
@@ -117,9 +123,7 @@ class Sweep:
         with self.files() as arguments, self.table() as out:
             arguments = [*arguments, "--out", str(out)]
             code, _, errors = distribute(arguments, lambda: contextlib.nullcontext(client))
-            if code:
-                raise FmuError(errors.strip().removeprefix("error: "))
-            return read(out)
+            return self._result(code, errors, out)
 
 
 def sweep(
