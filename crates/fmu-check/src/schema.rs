@@ -54,10 +54,27 @@ pub fn check(file: &str, root: &Element<'_>, schema: &Schema, findings: &mut Fin
             "the root is {}, expected {}", quote(root.name), schema.root);
     }
     let mut document = Document { file, schema, findings };
+    document.prefixes(root, &["xml", "xmlns"]);
     document.element(root, schema.root);
 }
 
 impl Document<'_> {
+    /// Checks that the prefixes of names are declared, also in annotations.
+    fn prefixes(&mut self, element: &Element<'_>, around: &[&str]) {
+        let names = || element.attributes.iter().map(|(name, _)| *name);
+        let own = names().filter_map(|name| name.strip_prefix("xmlns:"));
+        let declared: Vec<_> = own.chain(around.iter().copied()).collect();
+        for name in names().chain([element.name]) {
+            let is_declared =
+                name.split_once(':').is_none_or(|(prefix, _)| declared.contains(&prefix));
+            require!(self.findings, "prefix-declared" at Location::of(self.file, element), is_declared,
+                "the prefix of {} is not declared, expected an attribute xmlns for it", quote(name));
+        }
+        for child in &element.children {
+            self.prefixes(child, &declared);
+        }
+    }
+
     fn element(&mut self, element: &Element<'_>, of: &str) {
         let Some(of) = self.schema.types.get(of) else { return };
         let (at, name) = (|| Location::of(self.file, element), element.name);
@@ -89,10 +106,11 @@ impl Document<'_> {
                 }
             }
         }
-        for (name, _) in &element.attributes {
-            // Namespaces and schema locations may appear in any element.
+        for (name, value) in &element.attributes {
+            // Prefixes and schema locations may appear in any element; a namespace without prefix would change it.
             let mut special = ["xmlns:", "xml:", "xsi:"].iter();
-            let is_special = *name == "xmlns" || special.any(|prefix| name.starts_with(prefix));
+            let is_special = *name == "xmlns" && value.is_empty()
+                || special.any(|prefix| name.starts_with(prefix));
             let is_known = of.attributes.iter().any(|(known, ..)| known == name);
             if is_special || is_known || of.has_more && name.contains(':') {
                 continue;
