@@ -952,10 +952,12 @@ impl Check<'_> {
         for (name, may_be_zero, expected) in [
             ("intervalDecimal", false, "a positive number"),
             ("intervalCounter", false, "a positive number"),
+            ("resolution", false, "a positive number"),
             ("shiftDecimal", true, "0 or more"),
         ] {
             let value = clock.real(name).unwrap_or(1.0);
-            require!(self, "clock-interval" at at(), value > 0.0 || may_be_zero && value == 0.0,
+            let fits = value.is_finite() && (value > 0.0 || may_be_zero && value == 0.0);
+            require!(self, "clock-interval" at at(), fits,
                 "{name} is {value}, expected {expected}");
         }
         let variability = clock.attribute("intervalVariability").unwrap_or_default();
