@@ -257,6 +257,8 @@ impl<'a> Files<'a> {
     fn source(&mut self, name: &str, at: Location) -> String {
         let path = archive::relative(&format!("sources/{name}"));
         let exists = path.as_ref().is_ok_and(|path| self.names.contains(path));
+        require!(self.findings, "sources-exist" at at.clone(), !name.contains('\\'),
+            "the name {} of a source file has a backslash, expected forward slashes", quote(name));
         require!(self.findings, "sources-exist" at at, exists,
             "the source file {} is missing, expected it in sources", quote(name));
         path.unwrap_or_else(|_| name.to_owned())
