@@ -92,7 +92,8 @@ impl<'a> Parser<'a> {
             Event::DocType(_) => bail!(
                 "a document type (DTD) is not allowed: FMI has none, and its entities may exhaust memory"
             ),
-            Event::Comment(_) | Event::PI(_) | Event::Eof => {}
+            Event::Comment(comment) => check_characters(&comment)?,
+            Event::PI(_) | Event::Eof => {}
         }
         Ok(())
     }
@@ -120,7 +121,7 @@ impl<'a> Parser<'a> {
             );
             let value = attribute
                 .normalized_value(XmlVersion::Explicit1_0)
-                .with_context(|| format!("the attribute {}", quote(name)))?;
+                .map_err(|error| anyhow!("the attribute {}: {error}", quote(name)))?;
             check_characters(&value)?;
             let value = match value {
                 Cow::Borrowed(value) => Cow::Borrowed(within(source, value)?),
@@ -164,10 +165,7 @@ impl<'a> Parser<'a> {
     }
 
     fn declaration(&self) -> Result<()> {
-        ensure!(
-            self.open.is_empty() && self.root.is_none(),
-            "there is an XML declaration after the start of the document"
-        );
+        ensure!(self.at == 0, "there is an XML declaration after the start of the document");
         Ok(())
     }
 }
@@ -226,12 +224,16 @@ mod tests {
             "<a>\u{1}</a>",
             "<a/>x",
             "<a><!-- -- --></a>",
+            "<a><!-- \u{1} --></a>",
             "<a/><?xml version='1.0'?>",
+            "\n<?xml version='1.0'?><a/>",
+            "<!-- c --><?xml version='1.0'?><a/>",
         ] {
             error(text);
         }
         assert!(error("<a>\n\n<b></c></a>").starts_with("line 3"));
-        assert!(error("<a>\n<b c='&x;'/></a>").starts_with("line 2"));
+        let unknown = "line 2: the attribute \"c\": at 1..2: unrecognized entity `x`";
+        assert_eq!(error("<a>\n<b c='&x;'/></a>"), unknown);
     }
 
     #[test]
