@@ -84,8 +84,10 @@ impl Document<'_> {
         let number = element.children.len();
         require!(self.findings, "one-annotation" at at(), of.content != "one" || number <= 1,
             "{name} holds {number} elements, expected at most one");
-        require!(self.findings, "no-text" at at(), of.content == "mixed" || !element.has_text,
-            "{name} holds text, expected elements only");
+        if let Some(line) = element.text_line.filter(|_| of.content != "mixed") {
+            find!(self.findings, "no-text" at Location { line: Some(line), ..at() },
+                "{name} holds text, expected elements only");
+        }
         self.attributes(element, of);
         if of.content.is_empty() {
             self.children(element, &of.sequence);

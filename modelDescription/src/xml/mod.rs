@@ -23,8 +23,8 @@ pub struct Element<'a> {
     pub attributes: Vec<(&'a str, Cow<'a, str>)>,
     /// Its child elements, in order.
     pub children: Vec<Element<'a>>,
-    /// Whether it contains text other than white space. The text is not kept, as FMI has none.
-    pub has_text: bool,
+    /// The line of its first text other than white space. The text is not kept, as FMI has none.
+    pub text_line: Option<u32>,
     /// The line on which it starts, from 1; 0 if it was not parsed.
     pub line: u32,
 }

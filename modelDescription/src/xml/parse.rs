@@ -29,13 +29,16 @@ pub fn parse(text: &str) -> Result<Element<'_>> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().check_comments = true;
     loop {
-        let line = parser.line_of(reader.buffer_position());
+        let start = reader.buffer_position();
         let event = reader.read_event().map_err(|error| {
             anyhow!("line {}: {error}", parser.line_of(reader.error_position()))
         })?;
-        if matches!(event, Event::Eof) {
-            break;
-        }
+        let space = match &event {
+            Event::Eof => break,
+            Event::Text(text) => text.len() - text.trim_ascii_start().len(),
+            _ => 0,
+        };
+        let line = parser.line_of(start + space as u64);
         parser.take(event, line).with_context(|| format!("line {line}"))?;
     }
     ensure!(
@@ -85,9 +88,9 @@ impl<'a> Parser<'a> {
                 let element = self.open.pop().context("there is an end tag without a start tag")?;
                 self.close(element)?;
             }
-            Event::Text(text) => self.note_text(&text)?,
-            Event::CData(text) => self.note_text(&text)?,
-            Event::GeneralRef(reference) => self.reference(&reference)?,
+            Event::Text(text) => self.note_text(&text, line)?,
+            Event::CData(text) => self.note_text(&text, line)?,
+            Event::GeneralRef(reference) => self.reference(&reference, line)?,
             Event::Decl(_) => self.declaration()?,
             Event::DocType(_) => bail!(
                 "a document type (DTD) is not allowed: FMI has none, and its entities may exhaust memory"
@@ -143,16 +146,17 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    fn note_text(&mut self, text: &str) -> Result<()> {
+    fn note_text(&mut self, text: &str, line: u32) -> Result<()> {
         check_characters(text)?;
         if text.trim_matches([' ', '\t', '\r', '\n']).is_empty() {
             return Ok(());
         }
-        self.open.last_mut().context("there is text outside the root element")?.has_text = true;
+        let element = self.open.last_mut().context("there is text outside the root element")?;
+        element.text_line.get_or_insert(line);
         Ok(())
     }
 
-    fn reference(&mut self, reference: &BytesRef<'_>) -> Result<()> {
+    fn reference(&mut self, reference: &BytesRef<'_>, line: u32) -> Result<()> {
         let character = reference.resolve_char_ref()?.map(String::from);
         let text = character.as_deref().or_else(|| resolve_predefined_entity(reference));
         let text = text.with_context(|| {
@@ -161,7 +165,7 @@ impl<'a> Parser<'a> {
                 quote(reference)
             )
         })?;
-        self.note_text(text)
+        self.note_text(text, line)
     }
 
     fn declaration(&self) -> Result<()> {
@@ -194,14 +198,14 @@ mod tests {
     #[test]
     fn a_document_becomes_a_tree() {
         let root = parse(
-            "\u{feff}<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<!-- c -->\n<a b='1 &lt;&#x41;\n2'>\n<c/>\n<d>x</d></a>\n",
+            "\u{feff}<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<!-- c -->\n<a b='1 &lt;&#x41;\n2'>\n<c/>\n<d>\n x\ny</d></a>\n",
         )
         .unwrap();
         assert_eq!((root.name, root.line), ("a", 3));
         assert_eq!(root.attribute("b"), Some("1 <A 2"));
         assert_eq!(root.children.len(), 2);
         assert_eq!(root.child("c").unwrap().line, 5);
-        assert!(root.child("d").unwrap().has_text && !root.has_text);
+        assert_eq!([root.text_line, root.child("d").unwrap().text_line], [None, Some(7)]);
     }
 
     #[test]
@@ -232,6 +236,7 @@ mod tests {
             error(text);
         }
         assert!(error("<a>\n\n<b></c></a>").starts_with("line 3"));
+        assert!(error("<a>\n</a>\n\n\u{0}").starts_with("line 4"));
         let unknown = "line 2: the attribute \"c\": at 1..2: unrecognized entity `x`";
         assert_eq!(error("<a>\n<b c='&x;'/></a>"), unknown);
     }
