@@ -29,7 +29,7 @@ class Difference(NamedTuple):
     values: tuple[Any, Any]
     """The value in the reference and in the results, in the unit of the variable."""
     text: str
-    """All of this in words."""
+    """The difference as a sentence."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ def compare(
     reference, results
         What to compare; the results have all variables of the reference.
     absolute
-        How far numbers may be apart, in the unit of the variable.
+        Absolute tolerance of numbers, in the unit of the variable.
     relative
-        A tolerance relative to the largest magnitude of the variable in the reference, which is
-        added.
+        Relative tolerance, which is added, of the largest magnitude of the variable in the
+        reference.
     hold
         Sampled variables, whose numbers are not interpolated.
 

@@ -28,14 +28,14 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     system
         An FMU, or a system or its file.
     actions
-        The inputs that an action sets, and their bounds. Those of a system are not connected.
+        The inputs that an action sets, and their bounds. In a system, they must not be connected.
     observations
-        The variables that are observed, and their bounds; of a system, real outputs. An episode
-        terminates when one leaves its bounds.
+        The observed variables, and their bounds; in a system, real outputs. An episode terminates
+        when one leaves its bounds.
     reward
         Receives the observation after a step and the action.
     step_size
-        The time from one action to the next [s], of a system a multiple of its step.
+        The time from one action to the next [s]; in a system, a multiple of its step.
     stop_time
         The length of an episode [s], after which it is truncated.
     start

@@ -17,7 +17,7 @@ from .result import FmuError
 
 
 class Variable(NamedTuple):
-    """A variable of an FMU, in the words of FMI."""
+    """A variable of an FMU, with its attributes in FMI."""
 
     name: str
     causality: str
@@ -63,7 +63,7 @@ class Instance:
     tolerance
         Relative tolerance of the integration.
     name
-        Its name in errors, by default that of the file.
+        Its name in errors, by default the name of the file.
     in_process
         Run in this process, in which a call takes about a microsecond, but a crash ends Python. By
         default, the FMU runs in a child process: a call takes some ten microseconds, and a crash is
@@ -159,7 +159,7 @@ class Instance:
         return list(self._native.get(numbers))
 
     def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
-        """Set a variable, or those of a mapping; before the initialization, start values."""
+        """Set a variable, or all variables of a mapping; before initialization, start values."""
         values = {name: value} if isinstance(name, str) else name
         scalars = self._values(values)
         if not self._is_initialized:
@@ -200,7 +200,7 @@ class Instance:
     def directional_derivative(
         self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
     ) -> np.ndarray:
-        """Return the derivative of the unknowns with the knowns changing as the seed."""
+        """Return the directional derivative: the Jacobian of the unknowns times the seed."""
         self.initialize()
         of, by = ([self._numbers(n)[0] for n in names] for names in (unknowns, knowns))
         return np.array(self._native.directional(of, by, [float(s) for s in seed]))

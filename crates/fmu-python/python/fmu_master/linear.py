@@ -122,13 +122,12 @@ def linearize(
 ) -> Linear:
     """Return the linear model of an FMU for model exchange, or of a system, at a point of a run.
 
-    The model of an FMU is one of continuous time, from its directional derivatives or else from
-    central differences; its states are those of the FMU.
+    The model of an FMU has continuous time and the states of the FMU. It is computed from the
+    directional derivatives, or from central differences if the FMU does not provide them.
 
-    A system, with all its controllers, is a map from communication point to communication point.
-    Its model is the one of discrete time that responds in the same way to a pulse of each input,
-    which is added to what the input has and lasts one communication step. The responses are those
-    from the point to the stop time. The model has as many states as these show, named x1, x2, ...
+    The model of a system, with all its controllers, has discrete time, with the communication step.
+    It responds like the system to a pulse that is added to each input for one step, from the point
+    to the stop time, and has the smallest number of states for this, named x1, x2, ...
 
     Parameters
     ----------
@@ -138,21 +137,20 @@ def linearize(
         The time of the point [s], by default the start time. Choose one at which a system is at
         rest: its model is the same at all later times.
     inputs, outputs
-        The inputs and outputs of the model: of an FMU, by default all that are continuous real
-        numbers, also elements of arrays; of a system, `component.variable`. Inputs of a system may
-        be connected.
+        The inputs and outputs of the model: of an FMU, by default all continuous real numbers,
+        including elements of arrays; of a system, `component.variable`, which may be connected.
     start_values
         Start values by name, also of inputs.
     input
-        Functions of the time [s] that inputs follow.
+        Functions of the time [s] for inputs.
     step_size
-        The longest step of the run of an FMU until the point [s].
+        The longest step of the run of an FMU to the point [s].
     deviation
         The height of the pulses of a system, relative to the larger of 1 and the value, so small
         that no limit acts.
     tolerance
         The largest deviation of the model from the responses of a system, relative to the largest
-        response of each output; a larger one for FMUs that compute less accurately.
+        response of each output. Increase it for FMUs that compute less accurately.
 
     Raises
     ------

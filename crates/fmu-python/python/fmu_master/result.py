@@ -41,9 +41,9 @@ def in_python(text: str) -> str:
 
 
 class FmuError(RuntimeError):
-    """An FMU that cannot be used, fails or ends its process, or a system that does not fit.
+    """An FMU cannot be used, fails or ends its process, or a system is invalid.
 
-    What a component in Python has raised is the `__cause__`.
+    An exception raised by a component in Python is the `__cause__`.
 
     Attributes
     ----------

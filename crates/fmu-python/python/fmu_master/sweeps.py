@@ -28,13 +28,12 @@ class Sweep:
     Parameters
     ----------
     plan
-        A sweep file, a dict with its keys, or start values by `component.variable`, one for each
-        run: a mapping to arrays, or a data frame.
+        A sweep file, a dict with its keys, or a mapping or data frame that has an array for each
+        `component.variable`, with a start value for each run.
     system
-        The system: a `System`, or what it is made of. A sweep file names its own.
+        A `System` or a description of one; a sweep file names its own.
     out
-        The table that is written, `.csv` or `.parquet`. A sweep with a table resumes when it was
-        interrupted.
+        The table to write, `.csv` or `.parquet`. An interrupted sweep resumes if it has a table.
     signals
         The variables from which the metrics are computed: `reference`, `output`, `error` and
         `control`; they replace those of the plan.
@@ -114,7 +113,7 @@ class Sweep:
             return self._result(done.returncode, done.stderr, out)
 
     def dask(self, client: Client) -> Result:
-        """Run the sweep on the workers of a Dask cluster, which need nothing of this package.
+        """Run the sweep on the workers of a Dask cluster, which do not need this package.
 
         They must have the platform of this machine and Python 3.11 or newer.
         """

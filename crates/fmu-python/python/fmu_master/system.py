@@ -70,7 +70,7 @@ class System:
 
     @property
     def toml(self) -> str:
-        """The text of the system file, which cannot have a component in Python."""
+        """The text of the system file; a system with a component in Python has none."""
         if functions := self._functions():
             name, _ = functions[0]
             raise FmuError(f"{name} is a function of Python, expected an FMU in a system file")
@@ -157,7 +157,7 @@ class System:
         in_process: bool = False,
         progress: bool = False,
     ) -> Result:
-        """Run the system; what is given replaces what the description says.
+        """Run the system; the arguments replace keys of the description.
 
         Parameters
         ----------
@@ -219,14 +219,14 @@ def simulate(
     in_process: bool = False,
     progress: bool = False,
 ) -> Result:
-    """Run an FMU, or a system file or package, as `fmpy.simulate_fmu` does.
+    """Run an FMU, a system file or an SSP package, as `fmpy.simulate_fmu` does.
 
     Parameters
     ----------
     filename
-        The FMU, system file (TOML) or package of SSP.
+        The FMU, system file (TOML) or SSP package.
     start_time, stop_time, step_size
-        Start, stop and communication step [s], by default those of the default experiment.
+        Start time, stop time and communication step [s], by default from the default experiment.
     start_values
         Start values by name, in the units of the variables; enumerations by the names of items.
     input
@@ -238,14 +238,14 @@ def simulate(
     interface
         "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
     in_process
-        Run in this process. That saves some milliseconds, but an FMU that crashes ends Python.
+        Run in this process, which saves some milliseconds, but an FMU that crashes ends Python.
     progress
         Show a progress bar.
 
     Raises
     ------
     FmuError
-        Something does not fit, or the FMU fails or ends its process; its `result` has the rows so
+        An argument is invalid, or the FMU fails or ends its process; its `result` has the rows so
         far.
 
     Examples

@@ -26,14 +26,14 @@ def assert_carries(
     result
         Columns by name, with "time" [s].
     source, target
-        The names of what is sent and of what arrives, such as an output and the input that
-        it feeds.
+        The names of the signal that is sent and of the one that arrives, such as an output and the
+        input that it feeds.
     gain
         The expected gain, in the unit of the target per unit of the source.
     rows
         The expected delay in rows.
     tolerance
-        How far values may be apart, relative to the largest magnitude of the target.
+        Tolerance of values, relative to the largest magnitude of the target.
 
     Raises
     ------

@@ -22,7 +22,7 @@ Starts = Mapping[str, Any]
 
 
 class Tuned(NamedTuple):
-    """What `tune` has found."""
+    """The result of `tune`."""
 
     values: dict[str, float]
     """The best parameters, in the units of the variables."""
@@ -35,7 +35,7 @@ class Tuned(NamedTuple):
 def integral_of_absolute(result: Mapping[str, np.ndarray], name: str) -> float:
     """Return the integral of the absolute value of a column, in its unit times s.
 
-    The rule is that of left rectangles. A column that is not finite makes the integral infinite.
+    It is a sum of left rectangles. A column that is not finite makes the integral infinite.
     """
     values = np.abs(np.asarray(result[name], float)[:-1])
     integral = float(np.sum(values * np.diff(result["time"])))
@@ -58,9 +58,9 @@ def tune(
     journal: str | os.PathLike[str] | None = None,
     in_process: bool = False,
 ) -> Tuned:
-    """Search the parameters with the smallest objective, by differential evolution, on all cores.
+    """Search for parameters with the smallest objective by differential evolution, on all cores.
 
-    The same arguments give the same result, however many cores there are.
+    The same arguments give the same result on any number of cores.
 
     Parameters
     ----------
@@ -68,9 +68,9 @@ def tune(
         The system or its file.
     parameters
         The smallest and the largest value of each parameter, by name, in the unit of the
-        variable. Those above 0 are searched on a logarithmic scale.
+        variable. Ranges above 0 are searched on a logarithmic scale.
     objective
-        Receives the results of all cases and returns a number; infinite for what must not be.
+        Receives the results of all cases and returns a number; infinite for invalid results.
     cases
         The start values of each case, such as signals.
     plants
@@ -83,11 +83,11 @@ def tune(
     output, stop_time
         The variables that `objective` and `accepts` need, and the end of each run [s].
     generations
-        How often the candidates, ten for each parameter, are improved.
+        How many times the candidates, ten for each parameter, are improved.
     seed
         The seed of the search.
     journal
-        A file that keeps what was evaluated: the same call continues there after an interruption.
+        A file that keeps all evaluations, with which the same call resumes after an interruption.
     in_process
         Run the FMUs in this process, which is faster; an FMU that crashes ends Python.
 
