@@ -467,7 +467,7 @@ def test_what_does_not_fit_a_component_in_python_is_named(loop):
     for component, message in (
         ({"step": lambda t, u: (u, u)}, "the function failed: values returned: 2, expected 1"),
         ({"step": lambda t, u: "far"}, "it returned far for f, expected a Float64"),
-        ({"step": lambda t, u: None}, "TypeError: None is no number, Boolean, text or bytes"),
+        ({"step": lambda t, u: None}, "TypeError: None is not a number, Boolean, string or bytes"),
         ({"step": abs, "sample_time": 1e-4}, "sample_time = 0.0001 of actuator, expected at least"),
         ({"step": abs, "types": {"u": "Int8"}}, 'type of actuator.u: "Int8", expected "Float64"'),
         ({"step": abs, "types": {"g": "Int64"}}, "g has a unit or type, but is no input or output"),

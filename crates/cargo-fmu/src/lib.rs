@@ -81,7 +81,7 @@ Example:\n  cargo fmu validate target/fmu/*.fmu")]
     /// Build models quickly and simulate them, again after each change
     #[command(
         mut_arg("system", |arg| arg.value_name("MODEL or SYSTEM.toml").help(
-            "Model of this workspace, or system file, whose FMUs are all of this workspace"
+            "Model of this workspace, or system file whose FMUs are all built from this workspace"
         )),
         mut_arg("fmus", |arg| arg.hide(true)),
         mut_arg("sandbox", |arg| arg.hide(true)),

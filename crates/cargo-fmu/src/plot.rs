@@ -26,7 +26,7 @@ pub struct Page {
     /// Draw the results on a page for the browser
     #[arg(long = "plot", value_name = "FILE.html", value_parser = page)]
     pub file: Option<PathBuf>,
-    /// Show the page
+    /// Open the page in the browser
     #[arg(long, requires = "file")]
     pub open: bool,
 }

@@ -49,8 +49,8 @@ pub struct Options {
     /// (with --fmi 3.0) a WebAssembly component
     #[arg(long = "target", value_name = "TRIPLE")]
     pub targets: Vec<String>,
-    /// Draft of the interface of WebAssembly components, by its commit: c1aac17, or the later 77277f4, by which they
-    /// can read resources
+    /// Commit of the draft for WebAssembly components: c1aac17, or the later 77277f4, with which they can read
+    /// resources
     #[arg(long, value_name = "COMMIT", value_enum, default_value_t, hide_possible_values = true)]
     pub wasm_draft: Draft,
     /// Add a shared library built elsewhere, for linux64, win64, ...

@@ -314,7 +314,7 @@ pub struct Changes {
     /// CSV or Parquet file with values of inputs: a column time in s, and one for each input
     #[arg(long, value_name = "FILE")]
     pub input: Option<PathBuf>,
-    /// Folder of the FMUs
+    /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]
     pub fmus: Option<PathBuf>,
     /// How WebAssembly components run.

@@ -524,9 +524,9 @@ fn notes(components: &[Planned], recorded: &[Port]) -> Vec<String> {
             names.push(format!("and {} more", all.len() - NAMED));
         }
         notes.push(match names.is_empty() {
-            true => "nothing is recorded, as there is no variable that could be".to_owned(),
+            true => "nothing is recorded, because no variable can be recorded".to_owned(),
             false => format!(
-                "nothing is recorded, as no output is a number or Boolean; --output can record {}",
+                "nothing is recorded, because no output is a number or Boolean; --output can record {}",
                 names.join(", ")
             ),
         });
@@ -629,7 +629,7 @@ fn no_algebraic_loops(components: &[Planned], links: &[Link]) -> Result<()> {
             let ports = path[start..].iter().chain([&first]).rev();
             let names = Vec::from_iter(ports.map(|port| port.name(components)));
             bail!(
-                "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step, and allow_algebraic_loops = true runs it all the same",
+                "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step, and allow_algebraic_loops = true runs it anyway",
                 names.join(" -> ")
             );
         }

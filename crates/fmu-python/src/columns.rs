@@ -103,7 +103,7 @@ pub fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     match value.extract() {
         Ok(text) => Ok(Value::String(text)),
         Err(_) => value.extract().map(Value::Binary).map_err(|_| {
-            PyTypeError::new_err(format!("{value} is no number, Boolean, text or bytes"))
+            PyTypeError::new_err(format!("{value} is not a number, Boolean, string or bytes"))
         }),
     }
 }

@@ -122,7 +122,7 @@ fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
         Value::Int64(value) => Written::Integer(value),
         Value::String(text) => Written::Text(text),
         number => Written::Real(number.as_real().ok_or_else(|| {
-            PyTypeError::new_err(format!("{value} is no number, Boolean or text"))
+            PyTypeError::new_err(format!("{value} is not a number, Boolean or string"))
         })?),
     })
 }

@@ -51,7 +51,7 @@ pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
     let folder = path::absolute(&args.path).with_context(|| format!("cannot create {shown}"))?;
     let of_folder = || folder.file_name().and_then(OsStr::to_str);
     let name = args.name.as_deref().or_else(of_folder);
-    let name = name.with_context(|| format!("{shown} is no name of a package"))?;
+    let name = name.with_context(|| format!("{shown} does not name a folder"))?;
     let model = model_name(name)?;
     ensure!(
         fs::symlink_metadata(&folder).is_err(),

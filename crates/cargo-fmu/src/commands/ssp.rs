@@ -21,7 +21,7 @@ pub struct SspArgs {
     /// Output folder for the packages
     #[arg(long, value_name = "DIR", default_value = "target/fmu")]
     out: PathBuf,
-    /// Folder of the FMUs
+    /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
 }

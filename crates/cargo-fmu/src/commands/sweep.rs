@@ -35,10 +35,10 @@ pub struct SweepArgs {
     /// System file to use instead of the one named in the sweep file
     #[arg(long, value_name = "SYSTEM.toml")]
     system: Option<PathBuf>,
-    /// Folder of the FMUs
+    /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
-    /// CSV or Parquet file with values of inputs, instead of that of the system
+    /// CSV or Parquet file with values of inputs, instead of the file that the system names
     #[arg(long, value_name = "FILE")]
     input: Option<PathBuf>,
     /// Print the rows of these runs (from 0, END excluded); used by the workers of a distributed

@@ -223,7 +223,8 @@ impl<T: Copy> Busy<T> {
             match event {
                 Event::Ended(how) => end = Some(End::Process(how)),
                 Event::Replied => {
-                    let task = self.tasks.pop_front().context("a worker answers unasked")?;
+                    let task =
+                        self.tasks.pop_front().context("a worker sent an answer without a task")?;
                     let (reply, is_lost) = self.worker.reply::<(R, bool)>()?;
                     answers.push((task, Outcome::Reply(reply)));
                     end = is_lost.then_some(End::Lost);

@@ -145,7 +145,7 @@ pub(super) fn read(file: &Path) -> Result<Vec<Series>> {
                 Field::Double(value) => Some(Value::Float64(*value)),
                 Field::Str(value) => Some(Value::String(value.clone())),
                 Field::Bytes(value) => Some(Value::Binary(value.data().to_vec())),
-                _ => bail!("{} is no column of numbers, Booleans or texts", series.name),
+                _ => bail!("{} is not a column of numbers, Booleans or strings", series.name),
             });
         }
     }

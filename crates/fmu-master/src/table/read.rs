@@ -111,7 +111,7 @@ pub fn times(table: &[Series]) -> Result<Vec<f64>> {
     let mut times = Vec::with_capacity(series.cells.len());
     for row in 0..series.cells.len() {
         let time = series.number(row).filter(|time| time.is_finite());
-        let time = time.with_context(|| format!("the time of row {} is no number", row + 1))?;
+        let time = time.with_context(|| format!("the time of row {} is not a number", row + 1))?;
         let before = times.last().copied().unwrap_or(time);
         ensure!(time >= before, "time {time:?} comes after {before:?}, expected rows in order");
         times.push(time);
