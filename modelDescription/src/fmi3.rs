@@ -15,7 +15,7 @@ const TIME: &str = "time";
 pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
     ensure!(
         model.variables.iter().all(|v| v.name != TIME),
-        "a variable of {} has the name {TIME:?}, which is that of the independent variable of FMI 3.0; expected another name",
+        "a variable of {} has the name {TIME:?}, which is the name of the independent variable of FMI 3.0; expected another name",
         model.name,
     );
     let variables = model.variables.iter().map(|v| {

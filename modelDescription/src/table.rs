@@ -598,7 +598,7 @@ const fn check_size(scalar: &Scalar, scalars: &[Scalar]) {
     assert!(size < scalars.len(), "`size` names a variable that does not exist");
     assert!(
         scalars[size].offset_of_size().is_some(),
-        "`size` names a variable that is no structural parameter"
+        "`size` names a variable that is not a structural parameter"
     );
     if let Bounds::Whole(_, max) = scalars[size].variable.bounds {
         assert!(
@@ -629,7 +629,7 @@ const fn check_dynamics(scalar: &Scalar, scalars: &[Scalar]) {
             let state = scalars[state].variable;
             assert!(
                 matches!(state.dynamics, Dynamics::State),
-                "a derivative of a variable that is no state"
+                "a derivative of a variable that is not a state"
             );
             assert!(
                 state.count() == scalar.variable.count(),

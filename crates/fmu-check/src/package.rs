@@ -274,7 +274,7 @@ impl<'a> Files<'a> {
             let identifier = identifier.unwrap_or_default();
             require!(self.findings, "build-identifier" at at(configuration),
                 identifiers.contains(identifier),
-                "modelIdentifier is {}, expected that of an interface type", quote(identifier));
+                "modelIdentifier is {}, expected the modelIdentifier of an interface type", quote(identifier));
             let platform = configuration.attribute("platform");
             require!(self.findings, "build-platform" at at(configuration),
                 platforms.insert((identifier, platform)),
@@ -308,7 +308,7 @@ impl<'a> Files<'a> {
                 let is_free = options.peek().is_none();
                 require!(self.findings, "build-option" at at(definition),
                     is_free || options.any(|option| option.attribute("value") == Some(value)),
-                    "value is {}, expected that of an Option", quote(value));
+                    "value is {}, expected the value of an Option", quote(value));
             }
         }
         for file in set.children("SourceFile") {

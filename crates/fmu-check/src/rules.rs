@@ -392,7 +392,7 @@ impl Check<'_> {
                     let is_derivative = is_structured && name.starts_with("der(");
                     require!(self, "derivative-names" at variable,
                         !is_derivative || variable.of_type.is_float(),
-                        "the name is that of a derivative, expected a {}, not {}",
+                        "its name is reserved for a derivative, expected a {}, not {}",
                         self.float(), variable.value.name);
                 }
                 require!(self, "flat-names" at variable,

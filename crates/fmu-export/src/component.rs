@@ -671,7 +671,7 @@ impl Component {
         let (found, expected) = (snapshot.lifecycle.mode, shared.lifecycle.mode);
         ensure!(
             found == expected,
-            "the state is that of an instance for {}; expected one for {}",
+            "the state is from an instance for {}; expected one for {}",
             found.name(),
             expected.name()
         );

@@ -120,7 +120,7 @@ impl Entry {
             let known: Vec<String> =
                 models.iter().map(|m| format!("{} {}", m.name(), m.guid())).collect();
             format!(
-                "the {what} {guid} is that of another FMU or version; this binary has: {}",
+                "the {what} {guid} belongs to another FMU or version; this binary has: {}",
                 known.join(", ")
             )
         })?;

@@ -42,9 +42,9 @@ fn wrong_arguments_are_reported() {
             (Some(c""), guid, "the instance name is missing"),
             (Some(c"pend\xff"), guid, "the instance name is not UTF-8"),
             (name, None, missing),
-            (name, Some(c""), "is that of another FMU"),
+            (name, Some(c""), "belongs to another FMU"),
             (name, Some(c"{another}"), "this binary has: Every {"),
-            (name, Some(c"\xff\xfe"), "is that of another FMU"),
+            (name, Some(c"\xff\xfe"), "belongs to another FMU"),
             (name, Some(HOSTILE), HOSTILE.to_str().unwrap()),
             unsuitable,
         ] {

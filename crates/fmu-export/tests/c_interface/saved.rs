@@ -114,7 +114,7 @@ fn a_state_of_another_model_or_mode_is_refused() {
                 ok([target.set_state(state)]);
                 assert_eq!(target.snapshot(), bytes);
             } else {
-                let words = "the state is that of an instance for";
+                let words = "the state is from an instance for";
                 target.refuses(words, |f| f.set_state(state));
                 target.fails(ERROR, "; expected one for ", |f| f.set_state(state));
             }
@@ -305,7 +305,7 @@ proptest! {
                 assert_eq!(it.free_state(&mut again), OK);
                 uses(*it, model);
             } else {
-                it.says("the state is that of an instance for");
+                it.says("the state is from an instance for");
             }
             assert_eq!(Instance::of(kind, model).free_state(&mut state), OK);
         }
