@@ -29,7 +29,7 @@ pub struct MyController {
     /// sample time
     #[parameter(start = 0.01, min = 1e-6, unit = "s")]
     ts: f64,
-    // A field without an attribute is no variable of the FMU, but part of its state.
+    // A field without an attribute is not a variable of the FMU, but part of its state.
     integral: f64,
 }
 
