@@ -31,6 +31,7 @@ const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SampleClock {
     start: f64,
+    ts: f64,
     /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
     rate: f64,
     /// Index of the next instant: a whole number, exact up to 2^53, or `BEFORE_FIRST_STEP`.
@@ -46,7 +47,7 @@ impl Default for SampleClock {
 
 impl SampleClock {
     pub(crate) const UNSET: Self =
-        Self { start: 0.0, rate: f64::INFINITY, next: BEFORE_FIRST_STEP };
+        Self { start: 0.0, ts: 0.0, rate: f64::INFINITY, next: BEFORE_FIRST_STEP };
 
     /// Creates a clock with the first instant `start` (s) and the sample time `ts` (s).
     ///
@@ -59,7 +60,7 @@ impl SampleClock {
                 "the sample time is {ts} s; expected a positive number"
             )));
         }
-        Ok(Self { start, rate, next: BEFORE_FIRST_STEP })
+        Ok(Self { start, ts, rate, next: BEFORE_FIRST_STEP })
     }
 
     /// Counts the instants in `[time, time + step)` (up to rounding) that were not counted before.
@@ -117,16 +118,22 @@ impl SampleClock {
         self.count(time, end)
     }
 
-    /// The next instant that is not counted, for the sample time `ts` (s).
-    pub(crate) fn next_instant(&self, ts: f64) -> f64 {
-        self.start + self.next.max(0.0) * ts
+    /// The sample time (s), which stays the same if the variable from which it came changes.
+    #[inline]
+    pub(crate) fn sample_time(&self) -> f64 {
+        self.ts
     }
 
-    /// The instant that is the `count`-th from the end of those that were counted, for the sample time
-    /// `ts` (s).
+    /// The next instant that is not counted.
     #[inline]
-    pub(crate) fn instant_before(&self, count: u32, ts: f64) -> f64 {
-        self.start + (self.next - f64::from(count)) * ts
+    pub(crate) fn next_instant(&self) -> f64 {
+        self.start + self.next.max(0.0) * self.ts
+    }
+
+    /// The instant that is the `count`-th from the end of those that were counted.
+    #[inline]
+    pub(crate) fn instant_before(&self, count: u32) -> f64 {
+        self.start + (self.next - f64::from(count)) * self.ts
     }
 
     /// The time since the start in sample times, minus the tolerance. Rounded up, it is the number of
@@ -181,7 +188,7 @@ mod tests {
         for start in [1e6, 1e9, 1e15, -1e12] {
             let mut clock = SampleClock::new(start, 0.001).unwrap();
             for _ in 0..1000 {
-                let due = clock.due_until(clock.next_instant(0.001)).unwrap();
+                let due = clock.due_until(clock.next_instant()).unwrap();
                 assert!(due > 0, "start {start}: {clock:?}");
             }
         }

@@ -157,7 +157,7 @@ pub(crate) struct Shared {
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: u32 = 9;
+const VERSION: u32 = 10;
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
 
@@ -487,9 +487,8 @@ impl Component {
     fn take_samples(&mut self, due: u32, before: SampleClock) -> Result<(), ModelError> {
         let clock = &mut self.shared.lifecycle.clock;
         for remaining in (1..=due).rev() {
-            let sample_time = self.model.behavior().sample_time();
-            let instant = clock.instant_before(remaining, sample_time);
-            if let Err(error) = self.model.behavior_mut().on_step(instant, sample_time) {
+            let instant = clock.instant_before(remaining);
+            if let Err(error) = self.model.behavior_mut().on_step(instant, clock.sample_time()) {
                 if remaining < due {
                     return Err(error.with_kind(Kind::Broken)); // earlier samples have changed the model
                 }
@@ -527,7 +526,7 @@ impl Component {
     pub(crate) fn next_event(&self) -> Option<f64> {
         let lifecycle = &self.shared.lifecycle;
         if self.model.facts().is_sampled {
-            return Some(lifecycle.clock.next_instant(self.model.behavior().sample_time()));
+            return Some(lifecycle.clock.next_instant());
         }
         let handled = lifecycle.integration.handled;
         let event = self.model.behavior().on_next_event(handled);

@@ -249,9 +249,7 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
             return self.model.model.on_step(time, step);
         }
         let clock = &mut self.shared.lifecycle.clock;
-        let model = &mut self.model.model;
-        let sample_time = model.sample_time();
-        model.on_step(clock.next_instant(sample_time), sample_time)?;
+        self.model.model.on_step(clock.next_instant(), clock.sample_time())?;
         clock.advance();
         Ok(())
     }

@@ -6,8 +6,8 @@ use std::ptr::null_mut;
 use std::rc::Rc;
 
 use fmu_description::Type;
-use fmu_export::ModelError;
 use fmu_export::fmi2::{fmi2LastSuccessfulTime, fmi2Terminated};
+use fmu_export::prelude::*;
 use fmu_export::testing::Driver;
 
 use crate::driver::*;
@@ -295,6 +295,34 @@ fn failures_in_samples_and_of_the_sample_time() {
         ok([it.set(Sampled::TS, 0.25), it.exit_initialization_mode()]);
         it.steps(0.0, 0.5);
         assert_eq!(samples(&it).0, 2.0);
+    }
+}
+
+/// Changes its sample time in each sample
+#[derive(Model)]
+#[model(sample_time = self.ts)]
+struct Tuned {
+    /// sample time
+    #[parameter(start = 0.5, tunable)]
+    ts: f64,
+    /// time and length of the last sample
+    #[output]
+    last: [f64; 2],
+}
+
+impl Simulate for Tuned {
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        (self.last, self.ts) = ([time, step], 7.0);
+        Ok(())
+    }
+}
+
+#[test]
+fn the_sample_time_is_that_of_the_initialization() {
+    let mut tuned = Driver::<Tuned>::new();
+    for (step, last) in [(0.5, 0.0), (0.5, 0.5), (1.5, 2.0)] {
+        assert_eq!(tuned.step(step), Ok(()));
+        assert_eq!(tuned.last, [last, 0.5]);
     }
 }
 
