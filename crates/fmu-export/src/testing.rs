@@ -180,15 +180,15 @@ impl<M: Drive> Driver<M> {
         if self.component.shared.lifecycle.state == State::Instantiated {
             self.initialize(0.0)?;
         }
-        // Multiplied, not added up, as by most hosts.
-        if size != self.size {
-            (self.origin, self.count, self.size) = (self.time(), 0.0, size);
-        }
         let (time, step) = (self.time(), self.component.shared.hot.step);
         let instance: Pointer = (&raw mut *self.component).cast();
         // SAFETY: the function belongs to the instance, which is borrowed for the call.
         let outcome = unsafe { step(instance, time, size, None) };
         self.result(outcome)?;
+        // Multiplied, not added up, as by most hosts.
+        if size != self.size {
+            (self.origin, self.count, self.size) = (time, 0.0, size);
+        }
         self.count += 1.0;
         Ok(())
     }

@@ -1029,6 +1029,7 @@ fn a_driver_returns_the_outputs_at_communication_points_from_any_start() {
     for (stop, size) in [(4.0, 0.0), (4.0, -1.0), (4.0, NAN), (4.0, INFINITE), (INFINITE, 1.0)] {
         assert!(sampled.run(stop, size).unwrap_err().reason().starts_with("the run is to "));
     }
+    assert!(sampled.step(NAN).is_err() && sampled.step(INFINITE).is_err());
     assert_eq!(sampled.time(), 3.0);
     let refused = sampled.set("n", 2).unwrap_err();
     let words = "set: n is not available in FMI 2.0, where the sizes of arrays are fixed";
