@@ -147,7 +147,7 @@ fn value(model: &Description, name: &str, text: &str) -> Result<(usize, Value)> 
             settable.map(|(_, v, element)| v.element_name(&v.name, element)).collect();
         bail!("there is no variable {name}; expected one of {}", names.join(", "));
     };
-    ensure!(has_start(variable), "{name} has no start value; the model computes it");
+    ensure!(has_start(variable), "{name} is no input or parameter");
     let value = variable.value(text).filter(|value| variable.allows(value));
     let value = value.with_context(|| format!("expected {}", variable.expected()))?;
     Ok((reference, value))
@@ -222,7 +222,7 @@ mod tests {
             ("ratio", "1e39", "expected a number"),
             ("anti_windup", "yes", "expected true or false"),
             ("target", "neither", "expected one of own, supervisor"),
-            ("u", "1", "u has no start value; the model computes it"),
+            ("u", "1", "u is no input or parameter"),
             (
                 "kp",
                 "1",
