@@ -296,7 +296,7 @@ impl Writer<'_> {
             .with_some("nominal", nominal)
             .with_some("start", start)
             .with_some("derivative", derivative)
-            .with_some("reinit", v.is_state().then_some(true))
+            .with_some("reinit", (self.model.is_continuous && v.is_state()).then_some(true))
     }
 
     /// `ModelStructure` (FMI 2.0.5, section 2.2.8; FMI 3.0.2, section 2.4.8), in which FMI 2.0 has the positions

@@ -98,6 +98,9 @@ fn the_xml_of_each_version_has_all_that_the_struct_says() {
     let terminals = description(&TANK_COPY).terminals(true).unwrap().unwrap();
     assert_is_file("Tank_terminals.xml", &terminals.document().unwrap());
     assert_eq!(description(&LISTS_COPY).terminals(false).unwrap(), None);
+    let mut stepped = description(&SPRING_COPY);
+    stepped.is_continuous = false;
+    assert!(!xml(&stepped, Fmi2).contains("reinit"), "events of model exchange only");
 }
 
 /// The valid variables of a document, without their elements.
