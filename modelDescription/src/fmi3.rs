@@ -1,6 +1,6 @@
 //! The model description of FMI 3.0, and terminals.
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 
 use crate::describe::Description;
 use crate::variable::{Exported, Variable};
@@ -18,6 +18,12 @@ pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
         "a variable of {} has the name {TIME:?}, which is the name of the independent variable of FMI 3.0; expected another name",
         model.name,
     );
+    if let Some(empty) = model.variables.iter().find(|v| model.elements(v) == 0) {
+        bail!(
+            "no element of {} is in use; expected a structural parameter that starts at 1 or more in FMI 3.0",
+            empty.name
+        );
+    }
     let variables = model.variables.iter().map(|v| {
         let start = v.start.iter().take(model.elements(v));
         Variable { start: start.cloned().collect(), ..v.clone() }

@@ -164,6 +164,10 @@ fn descriptions_that_no_importer_could_read_are_errors() {
             assert!(error.to_string().contains(expected), "{error}");
         }
     }
+    let mut lists = description(&LISTS_COPY);
+    lists.variables[1].start = vec![Value::UInt64(0)];
+    let error = lists.to_xml(FmiVersion::Fmi3, &Origin::default()).unwrap_err();
+    assert!(error.to_string().starts_with("no element of net.w"), "{error}");
     let mut tank = description(&TANK_COPY);
     tank.variables[0].exported.terminal = "pipe.flow".into();
     let error = tank.terminals(true).unwrap_err().to_string();
