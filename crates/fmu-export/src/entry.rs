@@ -3,6 +3,7 @@
 use std::ffi::CStr;
 
 use fmi_abi::Version;
+use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
 use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
@@ -77,6 +78,20 @@ impl Entry {
             needs: crate::edge::wasm::Needs::of::<M>(),
             _embedded: embedded,
         }
+    }
+
+    /// All entries of a library. Two models with one name fail the compilation; it is empty if the derive failed.
+    #[track_caller]
+    pub const fn all<const N: usize>(entries: [Self; N]) -> [Self; N] {
+        let mut pair = 0;
+        while pair < N * N {
+            let (one, other) = (entries[pair / N].name, entries[pair % N].name);
+            let is_same = checksum(one.as_bytes()) == checksum(other.as_bytes());
+            let is_other = pair / N != pair % N && !one.is_empty();
+            assert!(!(is_same && is_other), "two models have the same name");
+            pair += 1;
+        }
+        entries
     }
 
     /// Name of the model.

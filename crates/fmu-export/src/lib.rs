@@ -136,7 +136,7 @@ macro_rules! export {
     ($($model:ty),+ $(,)?) => {
         /// The models of this library.
         #[allow(long_running_const_eval, reason = "a table may be large")]
-        pub static MODELS: &[$crate::Entry] = &[$({
+        pub static MODELS: &[$crate::Entry] = &$crate::Entry::all([$({
             const COUNT: usize = <$model as $crate::Variables>::COUNT;
             const INTERFACE: $crate::derive::Interface =
                 $crate::interface::<$model, COUNT>(option_env!("FMU_EXPORT_VARIANT"));
@@ -144,7 +144,7 @@ macro_rules! export {
             static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
                 $crate::embedded::write(&INTERFACE);
             $crate::Entry::of::<$model, COUNT>(INTERFACE, &EMBEDDED)
-        }),+];
+        }),+]);
 
         #[cfg(target_arch = "wasm32")]
         #[unsafe(no_mangle)]
