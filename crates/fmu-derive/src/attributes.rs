@@ -285,6 +285,11 @@ fn derivatives(meta: &ParseNestedMeta<'_>) -> Result<Value> {
         input.parse::<Token![=]>()?;
         Ok((name, input.parse()?))
     };
+    if list.is_empty() {
+        let what =
+            "expected an input or a state; the derivative is 0.0 if nothing has an influence";
+        return Err(list.error(what));
+    }
     let all = list.parse_terminated(one, Token![,])?;
     Ok(Value::Derivatives(all.into_iter().collect()))
 }

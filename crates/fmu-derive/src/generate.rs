@@ -207,6 +207,7 @@ impl Field {
         }
         let arms = self.options.derivatives().iter().filter_map(|(name, value)| {
             let known = others.iter().find(|other| other.is_named(name))?.first();
+            let value = value.real();
             Some(quote!(_ if unknown == #first && known == #known => #value,))
         });
         quote!(#(#arms)*)

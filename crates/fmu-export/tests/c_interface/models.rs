@@ -355,7 +355,7 @@ pub struct Ball {
     /** velocity */ #[output(state)] v: f64,
     #[derivative(of = h, derivative_by(v = 1.0))] h_dot: f64,
     #[derivative(of = v, derivative_by(drive = 1.0, v = -2.0 * self.drag * self.v.abs()))] v_dot: f64,
-    /** height of its lowest point */ #[output(derivative_by(h = 1.0))] contact: f64,
+    /** height of its lowest point */ #[output(derivative_by(h = 1))] contact: f64,
     /** energy */ #[output(derivative_by(h = Ball::G, v = self.v, drive = 0.125))] energy: f64,
     /** height at the start */ #[parameter(start = 1)] h0: f64,
     /// part of the velocity that a bounce keeps

@@ -177,4 +177,9 @@ struct Derivative {
     /** output */ #[output(derivative_by(force = 1.0, gain = 2.0))] y: f64,
 }
 
+#[derive(Variables)]
+struct Constant {
+    /** of nothing */ #[output(derivative_by())] y: f64,
+}
+
 fn main() {}
