@@ -302,6 +302,16 @@ pub mod derive {
         }
     }
 
+    /// The number of an item.
+    #[track_caller]
+    pub const fn number(number: i128) -> i32 {
+        assert!(
+            i32::MIN as i128 <= number && number <= i32::MAX as i128,
+            "the number of an item has more than 32 bits"
+        );
+        number as i32
+    }
+
     /// Panics with both texts. Constant evaluation formats one at most.
     #[track_caller]
     const fn fail(message: &str, name: &str) -> ! {

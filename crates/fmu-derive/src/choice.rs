@@ -8,6 +8,7 @@ use syn::{Data, DeriveInput, Fields, LitStr, Result, Variant};
 
 use crate::attributes::{CHOICE, Options, all, error};
 use crate::field::{described, identifier, literal};
+use crate::generate::at;
 
 /// Implements `Choice`.
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
@@ -94,7 +95,8 @@ fn item(
         return error(&name, format!("two items have the name {:?}", name.value()));
     }
     let description = described(&variant.attrs, ident)?;
-    let value = quote!(Self::#ident as i32 + #base);
+    let value = quote!(#krate::derive::number(Self::#ident as i128 + #base as i128));
+    let value = at(ident.span(), value);
     Ok(quote!(#krate::derive::Item { value: #value, name: #name, description: #description }))
 }
 

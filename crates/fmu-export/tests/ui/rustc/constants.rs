@@ -68,6 +68,20 @@ struct SamePrefix {
     #[nested(prefix = "a")] other: Pid,
 }
 
+// A discriminant of which only the lowest 32 bits would be left.
+
+/// State of the plant
+#[derive(Clone, Copy, Choice)]
+#[repr(u32)]
+enum Code {
+    /** negative in FMI */ Failed = 0x8000_0000,
+}
+
+#[derive(Variables)]
+struct Codes {
+    /** code */ #[output] code: Code,
+}
+
 // A structural parameter that exceeds an array of constant length, which only the compiler can evaluate.
 
 const LENGTH: usize = 3;
