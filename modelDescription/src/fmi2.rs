@@ -3,7 +3,7 @@
 use crate::describe::{Description, Writer};
 use crate::variable::{Exported, Variable};
 use crate::xml::Element;
-use crate::{Causality, Dynamics, Type, Value};
+use crate::{Causality, Dynamics, Type, Value, Variability};
 
 /// The scalar variables that FMI 2.0 can express, of arrays the elements that are in use by default.
 pub(crate) fn variables(model: &Description) -> Vec<Variable> {
@@ -96,7 +96,11 @@ pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element
             .with("providesDirectionalDerivative", model.has_all_derivatives())
     };
     let exchange = interface("ModelExchange").with("completedIntegratorStepNotNeeded", true);
-    let interpolates = model.variables.iter().any(|v| v.exported.has_input_derivative);
+    // A host that reads it may set the derivatives of all of them.
+    let is_continuous_input =
+        |v: &&Variable| v.causality == Causality::Input && v.variability == Variability::Continuous;
+    let mut inputs = model.variables.iter().filter(is_continuous_input).peekable();
+    let interpolates = inputs.peek().is_some() && inputs.all(|v| v.exported.has_input_derivative);
     let co_simulation = interface("CoSimulation")
         .with("canHandleVariableCommunicationStepSize", true)
         .with("canInterpolateInputs", interpolates)
