@@ -261,6 +261,14 @@ pub mod derive {
     /// wrong.
     #[track_caller]
     pub const fn checked(start: Start, bounds: Bounds, message: &str) -> Start {
+        let has_values = match bounds {
+            Bounds::Real(min, max) => min <= max,
+            Bounds::Whole(min, max) => min <= max,
+            Bounds::None => true,
+        };
+        if !has_values {
+            fail(message, "impossible, expected a maximum of at least the minimum");
+        }
         let mut i = 0;
         while i < start.len() {
             let is_within = match (bounds, start.get(i)) {
@@ -300,6 +308,15 @@ pub mod derive {
         if find_name(rows, Hash::new().bytes(name.as_bytes()).0).is_none() {
             panic!("{}", message);
         }
+    }
+
+    /// Checks that an option is positive, and returns it; panics at compile time with `message` and what is wrong.
+    #[track_caller]
+    pub const fn positive(value: f64, message: &str) -> f64 {
+        if !(value > 0.0 && value.is_finite()) {
+            fail(message, "not a positive number");
+        }
+        value
     }
 
     /// The number of an item.

@@ -4,7 +4,10 @@ use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
 use quote::{ToTokens, quote};
 use syn::parse::{Parse, ParseStream, Parser};
 use syn::punctuated::Punctuated;
+use syn::spanned::Spanned;
 use syn::{Lit, LitFloat, Result, Token};
+
+use crate::generate::at;
 
 /// An expression.
 #[derive(Clone)]
@@ -91,6 +94,12 @@ impl Expression {
             }
             _ => self.authored(),
         }
+    }
+
+    /// The value of an option, which the compiler checks to be positive.
+    pub fn positive(&self, option: &str, krate: &TokenStream) -> TokenStream {
+        let (value, message) = (self.real(), format!("`{option}` is "));
+        at(self.span(), quote!(#krate::positive(#value, #message)))
     }
 
     /// The author's tokens in invisible parentheses, between which they keep their places: the compiler checks code

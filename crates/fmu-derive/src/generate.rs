@@ -110,7 +110,7 @@ impl Field {
             _ => quote!(Algebraic),
         };
         let nominal = options.expression("nominal");
-        let nominal = nominal.map_or_else(|| quote!(1.0), Expression::real);
+        let nominal = nominal.map_or_else(|| quote!(1.0), |n| n.positive("nominal", krate));
         let text = |option| options.text(option).map(LitStr::value).unwrap_or_default();
         let [size, unit, terminal] = ["size", "unit", "terminal"].map(text);
         let mime_type = match self.of_type {

@@ -90,9 +90,10 @@ fn model(
     let is_integrated = is_continuous && step.is_none();
     let number = |option, default| {
         let given = options.expression(option).filter(|_| !is_stub);
-        given.map_or(default, Expression::real)
+        given.map_or(default, |given| given.positive(option, &quote!(#krate::derive)))
     };
-    let sample_time = number("sample_time", quote!(0.0));
+    let sample_time = options.expression("sample_time").filter(|_| !is_stub);
+    let sample_time = sample_time.map_or(quote!(0.0), Expression::real);
     let stop_time = number("stop_time", quote!(20.0));
     let step_size = number("step_size", quote!(0.001));
     let tolerance = number("tolerance", if is_integrated { quote!(1e-6) } else { quote!(0.0) });

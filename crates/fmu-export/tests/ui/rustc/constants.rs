@@ -30,6 +30,16 @@ struct Mismatch {
     /** another type */ #[parameter(start = GAIN)] count: i32,
 }
 
+#[derive(Variables)]
+struct Reversed {
+    /** no value is allowed */ #[output(min = GAIN, max = -GAIN)] reversed: f64,
+}
+
+#[derive(Variables)]
+struct Negative {
+    /** not a magnitude */ #[output(nominal = -GAIN)] magnitude: f64,
+}
+
 // Dependencies on variables of nested structs that do not exist.
 
 #[derive(Variables)]
@@ -113,6 +123,17 @@ impl Continuous for Sloped {
     }
 }
 
-export!(Lists, Sloped);
+/// Ends before it starts
+#[derive(Model)]
+#[model(stop_time = -GAIN)]
+struct Ended {}
+
+impl Simulate for Ended {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+}
+
+export!(Lists, Sloped, Ended);
 
 fn main() {}
