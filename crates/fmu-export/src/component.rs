@@ -294,7 +294,7 @@ impl Component {
     fn fail_by_panic(&mut self, call: &Call, panic: Box<dyn Any + Send>) -> Outcome {
         self.shared.lifecycle.state = State::Fatal;
         let what = "the model panicked; the instance can only be freed";
-        self.shared.settings.log.send_panic(call.name, what, &*panic);
+        self.shared.settings.log.send_panic(call.name, what, panic);
         Outcome::Fatal
     }
 

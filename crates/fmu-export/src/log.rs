@@ -5,6 +5,7 @@ use std::any::Any;
 use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, c_int};
 use std::fmt::{Arguments, Debug, Display, Formatter};
+use std::mem;
 use std::panic::Location;
 use std::rc::Rc;
 use std::sync::Once;
@@ -157,9 +158,11 @@ impl Log {
     /// Sends what a panic in a function of C means, where it happened, and its message.
     #[cold]
     #[inline(never)]
-    pub(crate) fn send_panic(&self, function: &str, what: &str, panic: &(dyn Any + Send)) {
-        let (place, text) = (take_place_of_panic(), text_of_panic(panic));
+    pub(crate) fn send_panic(&self, function: &str, what: &str, panic: Box<dyn Any + Send>) {
+        let (place, text) = (take_place_of_panic(), text_of_panic(&*panic));
         self.send(Category::Fatal, format_args!("{function}: {place}{what}: {text}"));
+        // Its destructor is the model's, and might panic as well.
+        mem::forget(panic);
     }
 
     /// Sends a message. It is formatted only if its category is enabled.

@@ -210,7 +210,7 @@ fn instantiate(
         }
     }));
     made.unwrap_or_else(|panic| {
-        log.send_panic(function, "the model panicked", &*panic);
+        log.send_panic(function, "the model panicked", panic);
         std::ptr::null_mut()
     })
 }
