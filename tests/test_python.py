@@ -211,6 +211,13 @@ def test_a_progress_bar_moves(capsys):
     assert int(percents[0]) == 0 < int(percents[-1]) <= 100
 
 
+def test_the_last_step_reaches_the_stop_time_though_times_are_rounded():
+    clock = System(components={"clock": python_component([], ["y"], lambda t: t)})
+    for start in (0.0, 0.3, 1e9):
+        result = clock.simulate(start_time=start, stop_time=start + 0.01, step_size=0.001)
+        assert len(result["time"]) == 11
+
+
 def test_messages_name_what_python_has(loop, tmp_path):
     loop["component"] = [dict(part) for part in loop["component"]]
     note, short = System({**loop, "stop": 0.0115}).simulate().notes

@@ -3,12 +3,13 @@
 use std::any::Any;
 
 use dormand_prince::solver::{self, Advanced, Step, Workspace};
-use fmu_description::table::{self, Scalar};
+use fmu_description::table::{self, Field, Scalar};
 use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Value};
 
-use crate::layout::{self, Array, Facts, Place, Tables, copy_settable};
+use crate::layout::{self, Array, Facts, Place, Tables, copy_fields};
 use crate::log::Log;
 use crate::model::{Behavior, Model, ModelError};
+use crate::values::has_own_start;
 
 /// A model with `N` scalar variables.
 pub(crate) struct Bound<M, const N: usize> {
@@ -313,10 +314,13 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     }
 
     fn renew(&mut self) {
+        use Causality::{Input, Parameter, StructuralParameter};
         let mut fresh = M::new();
         let to = (&raw mut fresh).cast();
+        let is_settable =
+            |field: &Field| matches!(field.causality, Input | Parameter | StructuralParameter);
         // SAFETY: both are models with these rows.
-        unsafe { copy_settable(to, self.memory(), M::ROWS) };
+        unsafe { copy_fields(to, self.memory(), M::ROWS, is_settable) };
         if Self::HAS_INPUT_DERIVATIVES {
             for reference in 0..N {
                 if let Some(derivative) = fresh.input_derivative(reference) {
@@ -397,6 +401,14 @@ impl dyn AnyModel {
     pub(crate) fn connect(&mut self, to: &Log) {
         if let Some(log) = self.behavior_mut().log() {
             log.clone_from(to);
+        }
+    }
+
+    /// Takes the start values of outputs and local variables from another model of its type.
+    pub(crate) fn take_starts(&mut self, from: &mut Self) {
+        if (*self).type_id() == (*from).type_id() {
+            // SAFETY: both are models with these rows.
+            unsafe { copy_fields(self.memory(), from.memory(), self.facts().rows, has_own_start) };
         }
     }
 

@@ -12,7 +12,7 @@ use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
 use fmu_description::hash::checksum;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{Loader, Saver, Value, Variability};
+use fmu_description::{Loader, Saver, Variability};
 
 use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
@@ -141,8 +141,9 @@ pub(crate) struct Shared {
     pub(crate) settings: Settings,
     guid: &'static Guid,
     variant: Option<Variant>,
-    /// The start values of outputs and local variables that the host has set, by value reference.
-    pub(crate) starts: Vec<(u32, Value)>,
+    /// Until the end of the initialization, a fresh model with the start values of outputs and local variables, if
+    /// the host has set any.
+    pub(crate) starts: Option<Box<dyn AnyModel>>,
     /// Whether the host sees what happens in a step, which is then taken in parts.
     pub(crate) is_stepped_in_parts: bool,
     /// The texts and the binary values that the last call returned, which live until the next one.
@@ -165,7 +166,7 @@ const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
 pub(crate) struct Snapshot {
     guid: Guid,
     pub(crate) lifecycle: Lifecycle,
-    starts: Vec<(u32, Value)>,
+    starts: Option<Box<dyn AnyModel>>,
     model: Box<dyn AnyModel>,
 }
 
@@ -196,7 +197,7 @@ impl<M: AnyModel> Component<M> {
                 settings,
                 guid,
                 variant,
-                starts: Vec::new(),
+                starts: None,
                 texts: Vec::new(),
                 binaries: Vec::new(),
                 workspace,
@@ -333,6 +334,7 @@ impl Component {
 
     pub(crate) fn exit_initialization_mode(&mut self) -> Result<(), ModelError> {
         self.initialize()?;
+        self.shared.starts = None;
         let lifecycle = &mut self.shared.lifecycle;
         match lifecycle.mode {
             Mode::CoSimulation => self.enter(State::StepMode),
@@ -354,7 +356,7 @@ impl Component {
         self.model.reset(shared.variant);
         self.model.connect(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.mode);
-        shared.starts.clear();
+        shared.starts = None;
         self.enter(State::Instantiated);
         Ok(())
     }
@@ -651,7 +653,7 @@ impl Component {
         Ok(Snapshot {
             guid: *self.shared.guid,
             lifecycle: self.shared.lifecycle,
-            starts: self.shared.starts.clone(),
+            starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
             model: self.model.copy(),
         })
     }
@@ -681,7 +683,7 @@ impl Component {
             text(shared.guid)
         );
         shared.lifecycle = snapshot.lifecycle;
-        shared.starts.clone_from(&snapshot.starts);
+        shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
         Ok(())
     }
 
@@ -690,8 +692,9 @@ impl Component {
         let mut payload = Saver::default();
         let is_own = self.model.type_id() == (*state.model).type_id();
         let saved = payload.put(&state.lifecycle).is_ok()
-            && payload.put(&state.starts).is_ok()
-            && state.model.save(&mut payload).is_ok();
+            && payload.put(&state.starts.is_some()).is_ok()
+            && state.model.save(&mut payload).is_ok()
+            && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok());
         ensure!(is_own && saved, "the state belongs to another model");
         let mut bytes =
             [&MAGIC[..], &VERSION.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
@@ -727,9 +730,14 @@ impl Component {
         if !mode.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
             return Err(damaged());
         }
-        let starts = loader.take().map_err(|_| damaged())?;
-        let mut model = self.model.copy();
-        if model.load(&mut loader).is_err() || !loader.is_empty() {
+        let has_starts: bool = loader.take().map_err(|_| damaged())?;
+        let mut load = || {
+            let mut model = self.model.copy();
+            model.load(&mut loader).map(|()| model).map_err(|_| damaged())
+        };
+        let model = load()?;
+        let starts = if has_starts { Some(load()?) } else { None };
+        if !loader.is_empty() {
             return Err(damaged());
         }
         Ok(Snapshot { guid: *expected, lifecycle, starts, model })
@@ -815,10 +823,8 @@ impl Component {
             resources: shared.settings.resources.clone(),
         };
         model.renew();
-        for (reference, start) in &shared.starts {
-            if let Some(scalar) = model.find(*reference) {
-                model.set(&scalar, start.clone());
-            }
+        if let Some(starts) = &mut shared.starts {
+            model.take_starts(starts.as_mut());
         }
         model.behavior_mut().on_initialize(&start)?;
         let mut integration = Integration { handled: start.time, ..Integration::NONE };

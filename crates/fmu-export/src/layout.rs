@@ -238,14 +238,18 @@ pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [Row]) {
     });
 }
 
-/// Copies what the host sets: inputs and parameters.
+/// Copies some of the fields.
 ///
 /// # Safety
 /// At both places is a struct with these rows, which are borrowed mutably.
-pub(crate) unsafe fn copy_settable(to: *mut u8, from: *mut u8, rows: &'static [Row]) {
-    use Causality::{Input, Parameter, StructuralParameter};
+pub(crate) unsafe fn copy_fields(
+    to: *mut u8,
+    from: *mut u8,
+    rows: &'static [Row],
+    is_copied: fn(&Field) -> bool,
+) {
     table::each_field(rows, 0, &mut |field, offset| {
-        if matches!(field.causality, Input | Parameter | StructuralParameter) {
+        if is_copied(field) {
             // SAFETY: as for start values.
             unsafe { copy(to.byte_add(offset), from.byte_add(offset), field) };
         }

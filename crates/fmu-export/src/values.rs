@@ -201,9 +201,12 @@ impl Component {
                 && let Ok(value) = given(i).within(scalar.variable)
             {
                 if has_own_start(scalar.variable) && is_start(self.shared.lifecycle.state) {
-                    let starts = &mut self.shared.starts;
-                    starts.retain(|(other, _)| *other != element);
-                    starts.push((element, value.clone()));
+                    let starts = self.shared.starts.get_or_insert_with(|| {
+                        let mut fresh = self.model.copy();
+                        fresh.renew();
+                        fresh
+                    });
+                    starts.set(&scalar, value.clone());
                 }
                 self.model.set(&scalar, value);
             }
@@ -288,7 +291,7 @@ fn is_start(state: State) -> bool {
 }
 
 /// Whether the model computes the variable but for its start value: initial is exact.
-fn has_own_start(variable: &Field) -> bool {
+pub(crate) fn has_own_start(variable: &Field) -> bool {
     matches!(variable.causality, Causality::Output | Causality::Local) && !variable.start.is_empty()
 }
 

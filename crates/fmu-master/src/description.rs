@@ -483,7 +483,8 @@ impl Experiment {
             "step = {step:?} is too short to tell times near {largest:?} s apart"
         );
         // Rounding may put the last point just past the stop time.
-        Ok((steps + 1e-6).floor() as u64 + 1)
+        let rounding = (largest * f64::EPSILON / step).max(1e-6);
+        Ok((steps + rounding).floor() as u64 + 1)
     }
 
     /// The last communication point.
