@@ -45,7 +45,7 @@ def respond(
             table[name] = table.get(name, np.full(len(order), held))
             table[name][index + 1 : index + 3] += size
         given = {"time": times[order]} | table if table else None
-        starts = {n: value for n, value in start_values.items() if n != name}  # held has it
+        starts = {n: value for n, value in (start_values or {}).items() if n != name}  # held has it
         result = (changed or system).simulate(starts, output=names, input=given)
         return np.array([result[n] for n in names], float).T[index:]
 
