@@ -255,9 +255,10 @@ def test_a_panic_only_affects_its_instance(machine, program, tmp_path):
         fmu = machine.unpack(file, tmp_path, tmp_path)
         u, y = (fmu.variables[name].valueReference for name in ("u", "y"))
         arguments = [machine.path(fmu.binary), fmu.guid, "panic", f"r{u}=-1", f"r{y}"]
-        (line,) = machine.run(program(host), *arguments).splitlines()
+        line, *refused = machine.run(program(host), *arguments).splitlines()
         assert line.startswith(f"[logStatusFatal] {step}: ")
         assert line.endswith("panicked; the instance can only be freed: u is -1.0")
+        assert all(" is not allowed in the state " in line for line in refused)
     run_scenarios(machine, program("host3"), fmu, ["values", "fmu_state", "damaged_bytes"])
 
 

@@ -110,7 +110,6 @@ static void bad_arguments_in(Component c)
     EXPECT(ERROR, GetDirectionalDerivative(c, &unknown, 1, &unknown, 1, &real, &real));
     EXPECT(ERROR, SetRealInputDerivatives(c, &unknown, 1, &number, &real));
     EXPECT(ERROR, GetRealOutputDerivatives(c, &unknown, 1, &number, &real));
-    EXPECT(ERROR, GetStringStatus(c, 1, &text));
     EXPECT(ERROR, CancelStep(c));
     EXPECT(ERROR, DoStep(c, NAN, H, 1));
     EXPECT(ERROR, DoStep(c, 0.0, INFINITY, 1));
