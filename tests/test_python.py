@@ -212,7 +212,8 @@ def test_a_progress_bar_moves(capsys):
 
 
 def test_the_last_step_reaches_the_stop_time_though_times_are_rounded():
-    clock = System(components={"clock": python_component([], ["y"], lambda t: t)}, step=1.0, stop=1.0)
+    tick = python_component([], ["y"], lambda t: t)
+    clock = System(components={"tick": tick}, step=1.0, stop=1.0)
     for start in (0.0, 0.3, 1e9):
         result = clock.simulate(start_time=start, stop_time=start + 0.01, step_size=0.001)
         assert len(result["time"]) == 11
