@@ -5,7 +5,6 @@
 //! which checks thoroughly and reports errors. The fast path never accepts a call that the component would
 //! refuse.
 
-use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice::{from_raw_parts, from_raw_parts_mut};
 
@@ -13,6 +12,7 @@ use fmi_abi::state::State;
 
 use crate::bound::{Bound, Variant};
 use crate::component::{Component, End, Guid, Hot, Outcome, Pointer, Settings, Shared};
+use crate::log::discard;
 use crate::model::{Model, ModelError};
 
 pub(crate) const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
@@ -71,8 +71,7 @@ pub(crate) unsafe fn free(instance: Pointer) {
     if let Some(free) = unsafe { shared(instance) }.map(|shared| shared.hot.free) {
         // SAFETY: as above.
         let freed = catch_unwind(AssertUnwindSafe(|| unsafe { free(instance) }));
-        // What the destructor panics with might panic when it is dropped.
-        let _ = freed.map_err(mem::forget);
+        let _ = freed.map_err(discard);
     }
 }
 

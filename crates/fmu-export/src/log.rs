@@ -6,7 +6,7 @@ use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, c_int};
 use std::fmt::{Arguments, Debug, Display, Formatter};
 use std::mem;
-use std::panic::Location;
+use std::panic::{AssertUnwindSafe, Location, catch_unwind};
 use std::rc::Rc;
 use std::sync::Once;
 
@@ -161,8 +161,7 @@ impl Log {
     pub(crate) fn send_panic(&self, function: &str, what: &str, panic: Box<dyn Any + Send>) {
         let (place, text) = (take_place_of_panic(), text_of_panic(&*panic));
         self.send(Category::Fatal, format_args!("{function}: {place}{what}: {text}"));
-        // Its destructor is the model's, and might panic as well.
-        mem::forget(panic);
+        discard(panic);
     }
 
     /// Sends a message. It is formatted only if its category is enabled.
@@ -173,6 +172,12 @@ impl Log {
             (open.sink)(category, &message.to_string());
         }
     }
+}
+
+/// Drops what a panic carries. Its destructor is the model's, and might panic as well.
+pub(crate) fn discard(panic: Box<dyn Any + Send>) {
+    let dropped = catch_unwind(AssertUnwindSafe(|| drop(panic)));
+    let _ = dropped.map_err(mem::forget);
 }
 
 fn unknown(category: &CStr, has_own: bool) -> ModelError {
