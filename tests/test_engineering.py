@@ -465,11 +465,10 @@ def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus, 
         env.step(np.array([0.0]))
 
 
-def test_an_environment_that_is_dropped_ends_its_run(fmus):
-    plant = {"plant": fmus / "Pendulum.fmu"}
-    before = set(threading.enumerate())
+def waiting(plant: Path | str) -> FmuEnv:
+    """Return an environment whose run waits for an action."""
     env = FmuEnv(
-        System(components=plant, connections=[], step=0.01, stop=1.0),
+        System(components={"plant": plant}, connections=[], step=0.01, stop=1.0),
         actions={"plant.u": (-1.0, 1.0)},
         observations={"plant.theta": (-0.2, 0.2)},
         reward=lambda observation, action: 0.0,
@@ -477,27 +476,19 @@ def test_an_environment_that_is_dropped_ends_its_run(fmus):
         stop_time=0.5,
     )
     env.reset()
+    return env
+
+
+def test_an_environment_that_is_dropped_ends_its_run(fmus):
+    before = set(threading.enumerate())
+    env = waiting(fmus / "Pendulum.fmu")
     (run,) = set(threading.enumerate()) - before
     del env
     run.join(10)
     assert not run.is_alive()
 
 
-ENDS = """
-import sys
-from fmu_master import System
-from fmu_master.gym import FmuEnv
-env = FmuEnv(
-    System(components={"plant": sys.argv[1]}, step=0.01, stop=1.0),
-    actions={"plant.u": (-1.0, 1.0)},
-    observations={"plant.theta": (-0.2, 0.2)},
-    reward=lambda observation, action: 0.0,
-    step_size=0.01,
-    stop_time=0.5,
-)
-env.reset()
-"""
-
-
 def test_an_environment_that_is_never_closed_lets_python_end(fmus):
-    subprocess.run([sys.executable, "-c", ENDS, fmus / "Pendulum.fmu"], check=True)
+    code = "import sys, test_engineering; env = test_engineering.waiting(sys.argv[1])"
+    plant = (fmus / "Pendulum.fmu").absolute()
+    subprocess.run([sys.executable, "-c", code, plant], check=True, cwd=ROOT / "tests")

@@ -66,6 +66,11 @@ def columns(table: Any) -> dict[str, Any]:
     return found
 
 
+def points(start: float, stop: float, step: float) -> np.ndarray:
+    """Return the communication points [s], and the one after the stop time."""
+    return start + np.arange(int((stop - start) / step + 1e-6) + 2) * step
+
+
 def elements(values: Mapping[str, Any] | None) -> Iterator[tuple[str, Any]]:
     """Return start values by name; those of arrays by the names of the elements."""
     if values is None:

@@ -121,12 +121,12 @@ def compare(
     tables, hold = [_result(reference), _result(results)], one_or_more(hold)
     if unknown := set(hold) - set(tables[0]):
         raise FmuError(f"hold: the reference has no variable {min(unknown)}")
-    columns = [
+    compared = [
         [(name, table.units.get(name, ""), column.tolist()) for name, column in table.items()]
         for table in tables
     ]
     names = ("the reference", "the results")
-    found = _native.compare(columns, names, absolute, relative, hold)
+    found = _native.compare(compared, names, absolute, relative, hold)
     differences = [Difference(name, time, tuple(two), text) for name, time, two, text in found]
     return Comparison(differences, *tables)
 

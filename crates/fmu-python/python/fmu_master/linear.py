@@ -188,9 +188,10 @@ def _of_fmu(
     if time is not None and not 0 <= time < np.inf:
         raise ValueError(f"time = {time}, expected at least 0 s")
     with Instance(filename, "model-exchange", start_values) as fmu:
-        steps = math.ceil((time or 0) / step_size - 1e-6)
+        until = time or 0.0
+        steps = math.ceil(until / step_size - 1e-6)
+        step = until / max(steps, 1)
         for _ in range(steps):
-            step = (time or 0) / steps
             # What is held during a step is that of its middle.
             fmu.set({name: function(fmu.time + step / 2) for name, function in signals.items()})
             fmu.step(step)

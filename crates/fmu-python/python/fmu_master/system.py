@@ -17,7 +17,7 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
-from ._values import columns, document, elements, one_or_more, texts, toml
+from ._values import columns, document, elements, one_or_more, points, texts, toml
 from .components import PythonComponent
 from .result import FmuError, Result
 
@@ -311,9 +311,7 @@ def _input_file(given: Input, system: str) -> Iterator[Path]:
     if "time" in table:
         time = np.ravel(table["time"]).tolist()
     elif all(map(callable, table.values())):
-        start, stop, step = _native.times(system)
-        count = int((stop - start) / step + 1e-6) + 2
-        time = (start + np.arange(count) * step).tolist()
+        time = points(*_native.times(system)).tolist()
     else:
         raise FmuError(f"input = {', '.join(table)}, expected also a column time [s]")
     units = given.units if isinstance(given, Result) else {}
