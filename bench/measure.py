@@ -366,6 +366,7 @@ class Bench:
             "pair/native": lambda: self.natively(COUPLED, steps) / steps,
             "pair/own again": own,  # for the noise
             "pair/FMPy": lambda: by_fmpy(few) / few,
+            "pair/script": lambda: by_script(few) / few,
         }
         if not self.quick:  # its program has no wasmtime
             subjects["pair/wasmtime"] = lambda: self.natively(components, few) / few
@@ -565,6 +566,34 @@ def by_fmpy(steps: int) -> float:
         begin = time.perf_counter_ns()
         simulate(system, 0.001, 0.001, steps, record=["controller.e"])
         return time.perf_counter_ns() - begin
+
+
+def by_script(steps: int) -> float:
+    """Return the time of the same run, with a call of FMPy for each value and step."""
+    unpacked, slaves, references = [], [], []
+    for model in ("PidRbf", "Pendulum"):
+        description = fmpy.read_model_description(FMUS / f"{model}.fmu")
+        unpacked.append(fmpy.extract(FMUS / f"{model}.fmu"))
+        slaves.append(fmpy.instantiate_fmu(unpacked[-1], description, "CoSimulation"))
+        references.append({v.name: [v.valueReference] for v in description.modelVariables})
+    (controller, plant), (own, others), errors = slaves, references, []
+    controller.setReal(own["r"], [0.01])
+    for slave in slaves:
+        slave.setupExperiment(startTime=0.001)
+        slave.enterInitializationMode()
+        slave.exitInitializationMode()
+    begin = time.perf_counter_ns()
+    for k in range(1, steps + 1):
+        controller.setReal(own["y"], plant.getReal(others["theta"]))
+        controller.doStep(0.001 * k, 0.001)
+        plant.setReal(others["u"], controller.getReal(own["u"]))
+        plant.doStep(0.001 * k, 0.001)
+        errors.append(controller.getReal(own["e"])[0])
+    duration = time.perf_counter_ns() - begin
+    for slave, folder in zip(slaves, unpacked, strict=True):
+        slave.freeInstance()
+        shutil.rmtree(folder)
+    return duration
 
 
 def write_system(file: Path, loops: int) -> Path:

@@ -81,7 +81,7 @@ Ratios = dict[Any, Ratio]
 
 
 def ratios(costs: Costs) -> dict[str, Ratios]:
-    """Return the ratios of ratios.toml by kind and by FMU and inputs, or by the other cost."""
+    """Return the ratios of ratios.toml by kind and by FMU and inputs, or by both costs."""
     tables = tomllib.loads(Path(__file__).with_name("ratios.toml").read_text(encoding="utf-8"))
     aims, found = tables.pop("aims"), {kind: {} for kind in tables}
     names = [REFERENCE.name, *MODELS, *(case.name for case in BASELINE), SOURCE.name]
@@ -97,7 +97,7 @@ def ratios(costs: Costs) -> dict[str, Ratios]:
                 if ours in costs and other in costs:
                     aim = row.get("aim") or aims.get(f"{name} {inputs}", "")
                     ratio = Ratio(what, costs[ours], to, costs[other], aim)
-                    found[kind].setdefault((name, inputs) if name else other, ratio)
+                    found[kind].setdefault((name, inputs) if name else (ours, other), ratio)
     return found
 
 
@@ -158,7 +158,7 @@ def worse(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
     for name, ratio in now["ratios"].items():
         old = before["ratios"].get(name)
         # A speed should be high, a cost low.
-        is_speed = " in FMPy, " in name or name.endswith("processes")
+        is_speed = "FMPy, " in name or name.endswith("processes")
         if old and (old / ratio if is_speed else ratio / old) > WORSE:
             found.append(f"{name}: {number(ratio)}, before {number(old)}")
     return found
