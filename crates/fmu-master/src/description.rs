@@ -324,10 +324,15 @@ pub struct Changes {
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.
 fn assignment(text: &str) -> Result<(String, String)> {
-    let parts = text.split_once('=');
-    let (name, value) =
-        parts.context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
-    Ok((name.to_owned(), value.to_owned()))
+    let mut is_quoted = false;
+    let end = text.find(|c| {
+        is_quoted ^= c == '\'';
+        c == '=' && !is_quoted
+    });
+    let end = end
+        .or_else(|| text.find('='))
+        .context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
+    Ok((text[..end].to_owned(), text[end + 1..].to_owned()))
 }
 
 impl Description {
@@ -547,5 +552,19 @@ fn in_value(value: &DeValue<'_>, start: usize, word: &str) -> Option<usize> {
             values.iter().find_map(|value| in_value(value.get_ref(), value.span().start, word))
         }
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::assignment;
+
+    #[test]
+    fn a_value_follows_the_first_equals_sign_outside_a_quoted_name() {
+        let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+        assert_eq!(assignment("p.'a=b'=1").unwrap(), pair("p.'a=b'", "1"));
+        assert_eq!(assignment("p.text=a=b").unwrap(), pair("p.text", "a=b"));
+        assert_eq!(assignment("p.it's=1").unwrap(), pair("p.it's", "1"));
+        assert!(assignment("p.'a'").is_err());
     }
 }
