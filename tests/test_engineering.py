@@ -248,6 +248,9 @@ def test_tune_takes_an_fmu_and_values_of_numpy(fmus, tmp_path):
         for journal in (None, tmp_path / "search.journal", tmp_path / "search.journal")
     ]
     assert searches == searches[:1] * 3
+    given["objective"] = lambda results: "no number"
+    with pytest.raises(ValueError, match="could not convert string to float: 'no number'"):
+        tune(fmus / "PidRbf_fmi3.fmu", {"pid.kp": (100.0, 300.0)}, **given)
 
 
 FOUND = ROOT / "python" / "pendulum_fmus" / "report" / "gains.toml"

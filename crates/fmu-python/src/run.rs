@@ -183,14 +183,15 @@ pub fn compare<'py>(
 /// The values of a column.
 type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
 
-/// The start time, stop time and step (s) of a system.
+/// The start time, stop time and step (s) of a system, and the number of its communication points.
 #[pyfunction]
-pub fn times(py: Python<'_>, system: &str) -> PyResult<(f64, f64, f64)> {
+pub fn times(py: Python<'_>, system: &str) -> PyResult<(f64, f64, f64, u64)> {
     let system: System = given(system).map_err(error)?;
     let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
     let plan = py.detach(|| system.plan(&never)).map_err(error)?;
-    let Experiment { start, stop, step } = plan.0.experiment;
-    Ok((start, stop, step))
+    let experiment = plan.0.experiment;
+    let Experiment { start, stop, step } = experiment;
+    Ok((start, stop, step, experiment.steps().map_err(error)?))
 }
 
 pub fn error(error: anyhow::Error) -> PyErr {

@@ -66,9 +66,9 @@ def columns(table: Any) -> dict[str, Any]:
     return found
 
 
-def points(start: float, stop: float, step: float) -> np.ndarray:
+def points(start: float, _stop: float, step: float, count: int) -> np.ndarray:
     """Return the communication points [s], and the one after the stop time."""
-    return start + np.arange(int((stop - start) / step + 1e-6) + 2) * step
+    return start + np.arange(count + 1) * step
 
 
 def elements(values: Mapping[str, Any] | None) -> Iterator[tuple[str, Any]]:

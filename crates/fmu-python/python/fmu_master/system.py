@@ -106,10 +106,17 @@ class System:
 
     def times(self) -> tuple[float, float, float]:
         """Return the start time, the stop time and the communication step [s]."""
-        return self._check({})
+        start, stop, step, _ = self._check({})
+        return start, stop, step
 
-    def _check(self, start_values: Mapping[str, Any], **changes: Any) -> tuple[float, float, float]:
-        """Raise what a run would before its first step; return the times as `times` does."""
+    def _points(self) -> np.ndarray:
+        """Return the communication points [s], and the one after the stop time."""
+        return points(*self._check({}))
+
+    def _check(
+        self, start_values: Mapping[str, Any], **changes: Any
+    ) -> tuple[float, float, float, int]:
+        """Raise what a run would before its first step; return times and number of points."""
         changes["outputs"] = one_or_more(changes.get("outputs") or ())
         return _native.times(self._given(changes, texts(start_values)))
 

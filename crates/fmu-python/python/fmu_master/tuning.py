@@ -161,19 +161,24 @@ def tune(
         if start is not None:
             # Candidates that are worse are not tried with other plants.
             best = evaluate(np.array(start))
-        found = differential_evolution(
-            evaluate,
-            scaled,
-            x0=start,
-            popsize=10,
-            maxiter=generations,
-            tol=0,
-            rng=seed,
-            callback=improved,
-            polish=False,
-            updating="deferred",
-            workers=pool.map,
-        )
+        try:
+            found = differential_evolution(
+                evaluate,
+                scaled,
+                x0=start,
+                popsize=10,
+                maxiter=generations,
+                tol=0,
+                rng=seed,
+                callback=improved,
+                polish=False,
+                updating="deferred",
+                workers=pool.map,
+            )
+        except RuntimeError as error:
+            # SciPy blames `workers` for an error of the objective.
+            cause = error.__cause__
+            raise cause if isinstance(cause, TypeError | ValueError) else error from None
         values = named(found.x)
         if all(map(math.isnan, known.values())):
             try:
