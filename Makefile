@@ -151,7 +151,7 @@ wasm: program
 
 ## sandbox: build the command line with wasmtime, and test how it runs components
 sandbox: wasm fmus $(VENV)/.test
-# Clippy as the compiler of our crates, as `cargo clippy` would check wasmtime's crates before they are built.
+# Clippy compiles the crates of the workspace here: `cargo clippy` would check all crates of wasmtime first.
 	RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS=-Dwarnings \
 		cargo build --locked $(RUST) --features cargo-fmu/sandbox --bin cargo-fmu
 	mkdir -p target/sandbox && cp target/debug/cargo-fmu target/sandbox/
