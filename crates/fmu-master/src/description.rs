@@ -324,9 +324,11 @@ pub struct Changes {
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.
 fn assignment(text: &str) -> Result<(String, String)> {
-    let mut is_quoted = false;
+    let (mut is_quoted, mut last) = (false, '.');
     let end = text.find(|c| {
-        is_quoted ^= c == '\'';
+        // An apostrophe within a part of a name is no quote.
+        is_quoted ^= c == '\'' && (is_quoted || last == '.');
+        last = c;
         c == '=' && !is_quoted
     });
     let end = end
@@ -565,6 +567,7 @@ mod tests {
         assert_eq!(assignment("p.'a=b'=1").unwrap(), pair("p.'a=b'", "1"));
         assert_eq!(assignment("p.text=a=b").unwrap(), pair("p.text", "a=b"));
         assert_eq!(assignment("p.it's=1").unwrap(), pair("p.it's", "1"));
+        assert_eq!(assignment("p.it's=a'b=c").unwrap(), pair("p.it's", "a'b=c"));
         assert!(assignment("p.'a'").is_err());
     }
 }
