@@ -66,7 +66,7 @@ def columns(table: Any) -> dict[str, Any]:
     return found
 
 
-def points(start: float, _stop: float, step: float, count: int) -> np.ndarray:
+def points(start: float, step: float, count: int) -> np.ndarray:
     """Return the communication points [s], and the one after the stop time."""
     return start + np.arange(count + 1) * step
 

@@ -109,10 +109,6 @@ class System:
         start, stop, step, _ = self._check({})
         return start, stop, step
 
-    def _points(self) -> np.ndarray:
-        """Return the communication points [s], and the one after the stop time."""
-        return points(*self._check({}))
-
     def _check(
         self, start_values: Mapping[str, Any], **changes: Any
     ) -> tuple[float, float, float, int]:
@@ -318,7 +314,8 @@ def _input_file(given: Input, system: str) -> Iterator[Path]:
     if "time" in table:
         time = np.ravel(table["time"]).tolist()
     elif all(map(callable, table.values())):
-        time = points(*_native.times(system)).tolist()
+        start, _, step, count = _native.times(system)
+        time = points(start, step, count).tolist()
     else:
         raise FmuError(f"input = {', '.join(table)}, expected also a column time [s]")
     units = given.units if isinstance(given, Result) else {}
