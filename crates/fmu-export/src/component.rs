@@ -333,7 +333,7 @@ impl Component {
     }
 
     pub(crate) fn exit_initialization_mode(&mut self) -> Result<(), ModelError> {
-        self.initialize()?;
+        self.update()?;
         self.shared.starts = None;
         let lifecycle = &mut self.shared.lifecycle;
         match lifecycle.mode {

@@ -62,21 +62,19 @@ fn has_drive(path: &str) -> bool {
 
 /// Replaces `%20` and the like.
 fn decode(text: &str) -> Option<String> {
-    let digit = |byte: Option<&u8>| (*byte? as char).to_digit(16);
-    let bytes = text.as_bytes();
-    let mut decoded = Vec::with_capacity(bytes.len());
-    let mut i = 0;
-    while i < bytes.len() {
-        match (bytes[i], digit(bytes.get(i + 1)), digit(bytes.get(i + 2))) {
-            (b'%', Some(high), Some(low)) => {
-                decoded.push((16 * high + low) as u8);
-                i += 3;
-            }
-            (byte, ..) => {
-                decoded.push(byte);
-                i += 1;
-            }
-        }
+    let digit = |byte: &u8| (*byte as char).to_digit(16);
+    let mut parts = text.split('%').map(str::as_bytes);
+    let mut decoded = parts.next()?.to_vec();
+    for part in parts {
+        let (byte, rest) = match part {
+            [high, low, rest @ ..] => match (digit(high), digit(low)) {
+                (Some(high), Some(low)) => ((16 * high + low) as u8, rest),
+                _ => (b'%', part),
+            },
+            _ => (b'%', part),
+        };
+        decoded.push(byte);
+        decoded.extend_from_slice(rest);
     }
     String::from_utf8(decoded).ok()
 }

@@ -1,6 +1,7 @@
 //! Getting and setting variables of all types, and why an access is refused.
 
 use std::borrow::Cow;
+use std::fmt::Display;
 
 use fmi_abi::Version;
 use fmi_abi::state::State;
@@ -23,9 +24,9 @@ impl Given {
     /// The value, if a variable may have it; otherwise, how to show what was given.
     fn within(self, field: &Field) -> Result<Value, String> {
         let of_type = field.start.of_type();
-        let (value, shown) = match self {
-            Self::Real(value) => (Value::real(of_type, value), value.to_string()),
-            Self::Whole(value) => (Value::whole(of_type, value), value.to_string()),
+        let (value, shown): (_, &dyn Display) = match self {
+            Self::Real(ref value) => (Value::real(of_type, *value), value),
+            Self::Whole(ref value) => (Value::whole(of_type, *value), value),
             Self::Other(value) => return value,
         };
         let mut items = field.start.items().iter();
@@ -33,7 +34,7 @@ impl Given {
             Value::Enumeration(number) => items.any(|item| i64::from(item.value) == *number),
             _ => field.bounds.contain(value),
         };
-        value.filter(is_allowed).ok_or(shown)
+        value.filter(is_allowed).ok_or_else(|| shown.to_string())
     }
 }
 
