@@ -342,6 +342,12 @@ impl<'a> Component<'a> {
         if PLAIN { Ok(()) } else { self.write_others(outputs) }
     }
 
+    /// Writes its inputs during the initialization, in which it is called again and again.
+    pub(crate) fn write_initially(&mut self, outputs: &Store) -> Called {
+        self.calling.calls.begin(None);
+        self.write::<false>(outputs)
+    }
+
     /// Copies the values of its Float64 inputs.
     #[inline(always)]
     fn copy(&mut self, outputs: &Store) {
@@ -438,7 +444,11 @@ impl<'a> Component<'a> {
         for same in given.chunk_by(|a, b| fmu.array(*a) == fmu.array(*b)) {
             let (kind, wired) = (fmu.access(same[0]), Wired::of(&fmu, same.iter().copied()));
             let values = initial(&wired, &fmu, starts);
-            self.set(kind, accessor("set", fmu.version, kind), &wired, &values)?;
+            let set = match self.ports.iter().find(|ports| ports.kind == kind) {
+                Some(ports) => ports.set,
+                None => accessor("set", fmu.version, kind),
+            };
+            self.set(kind, set, &wired, &values)?;
         }
         Ok(())
     }
@@ -470,23 +480,19 @@ pub(crate) fn initial(inputs: &Wired, fmu: &Fmu, starts: &BTreeMap<usize, &Value
 }
 
 /// Reads the outputs that feed a component, and only these, as not every recorded variable can be read
-/// during the initialization; then writes its inputs. Returns whether an output has changed.
-pub(crate) fn propagate(
+/// during the initialization.
+pub(crate) fn receive(
     components: &mut [Component<'_>],
-    fed: usize,
     feeds: &[Feed],
     outputs: &mut Store,
-) -> Called<bool> {
-    let mut changed = false;
+) -> Called<Vec<Value>> {
+    let mut all = Vec::new();
     for feed in feeds {
         let values = components[feed.component].get(feed.kind, feed.get, &feed.outputs)?;
-        for (place, value) in feed.places.iter().zip(values) {
-            changed |= outputs.value(*place) != value;
-            outputs.set(*place, value);
+        for (place, value) in feed.places.iter().zip(&values) {
+            outputs.set(*place, value.clone());
         }
+        all.extend(values);
     }
-    // The same inputs are written again and again.
-    components[fed].calling.calls.begin(None);
-    components[fed].write::<false>(outputs)?;
-    Ok(changed)
+    Ok(all)
 }

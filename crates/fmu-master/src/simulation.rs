@@ -7,7 +7,7 @@ use fmu_description::{Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
-use crate::component::{Called, Component, propagate};
+use crate::component::{Called, Component, receive};
 use crate::fault::Line;
 use crate::input::Signals;
 use crate::plan::Planned;
@@ -161,12 +161,19 @@ impl Simulation<'_> {
         components.try_for_each(|component| component.call(operation, what, &call))
     }
 
-    /// Propagates initial outputs to inputs, once per component, since outputs may depend on inputs.
+    /// Propagates initial outputs to inputs, once per component, since outputs may depend on inputs. Does not set inputs
+    /// again to the same values, as an FMU may then compute its outputs again.
     fn propagate(&mut self) -> Called {
+        let mut last = vec![None; self.components.len()];
         for _ in 0..=self.components.len() {
             let mut changed = false;
             for (fed, feeds) in self.plan.wiring.feeds.iter().enumerate() {
-                changed |= propagate(&mut self.components, fed, feeds, &mut self.outputs)?;
+                let values = Some(receive(&mut self.components, feeds, &mut self.outputs)?);
+                if last[fed] != values {
+                    self.components[fed].write_initially(&self.outputs)?;
+                    last[fed] = values;
+                    changed = true;
+                }
             }
             if !changed {
                 break;

@@ -1,7 +1,8 @@
 //! Connections and recorded variables, grouped by component and type for reading and writing, and the store
 //! of their values.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
+use std::collections::hash_map::{Entry, HashMap};
 
 use fmu_description::{FmiVersion, Type, Value};
 use fmu_host::{Listed, operation};
@@ -369,14 +370,15 @@ impl Wired {
     pub(crate) fn push(&mut self, fmu: &Fmu, scalar: usize) {
         let variable = fmu.variable(scalar);
         let (reference, count) = (variable.reference, variable.count());
-        let first = match self.arrays.get(&reference) {
-            Some(first) if count > 1 => *first,
-            // Aliases are accessed each on its own.
-            _ => {
-                self.references.push(reference);
-                if count > 1 {
-                    self.arrays.insert(reference, self.elements);
+        // Aliases of scalars are accessed each on its own.
+        let known = (count > 1).then(|| self.arrays.entry(reference));
+        let first = match known {
+            Some(Entry::Occupied(first)) => *first.get(),
+            known => {
+                if let Some(Entry::Vacant(first)) = known {
+                    first.insert(self.elements);
                 }
+                self.references.push(reference);
                 self.elements += count;
                 self.elements - count
             }

@@ -207,7 +207,11 @@ impl Function {
 
     /// The function of a version that performs an operation, such as `get_float64`.
     pub fn of(version: Version, operation: &str) -> Option<Self> {
-        Self::named(version.function(operation)?)
+        let before = Version::ALL.into_iter().take_while(|other| *other != version);
+        let before = before.map(|other| other.functions().len()).sum::<usize>();
+        let place =
+            version.functions().iter().position(|(_, performed)| *performed == operation)?;
+        Self::LOADING.0.checked_add((before + place) as u64 + 1).map(Self)
     }
 
     /// The function of a name, such as `fmi3GetFloat64`.
