@@ -223,6 +223,7 @@ impl Library {
         Ok(unsafe { mem::transmute_copy(&function) })
     }
 
+    #[cfg(feature = "sandbox")]
     pub(crate) fn is_traced(&self) -> bool {
         self.trace.is_some()
     }

@@ -73,17 +73,59 @@ impl<V> Access<V> {
             _ => Self { listed, fmi2, fmi3 },
         }
     }
+
+    /// The end of the values in their list; `usize::MAX` if the function is not known.
+    fn end(&self) -> usize {
+        let is_known = self.is_nothing() || self.fmi2.is_some() || self.fmi3.is_some();
+        if is_known { self.listed.place.end } else { usize::MAX }
+    }
+
+    /// Whether there is nothing to access.
+    #[inline(always)]
+    fn is_nothing(&self) -> bool {
+        self.listed.references.is_empty()
+    }
+
+    /// Calls the function, if it is known, and returns the status.
+    ///
+    /// # Safety
+    /// The function is one of the library of this instance, and the pointer is valid for the values that are listed.
+    #[inline(always)]
+    unsafe fn call(&self, instance: fmi2Component, values: V) -> Option<c_int> {
+        let Listed { references, scalars, place } = &self.listed;
+        let first = references.as_ptr();
+        // SAFETY: the standard gives the types, and every pointer is valid for the length passed with it, by the
+        // caller's promise. The rest depends on the foreign binary, as described in the crate documentation.
+        unsafe {
+            match (self.fmi2, self.fmi3) {
+                (Some(call), _) => Some(call(instance, first, *scalars, values).0),
+                (_, Some(call)) => {
+                    Some(call(instance, first, references.len(), values, place.len()).0)
+                }
+                _ => None,
+            }
+        }
+    }
 }
 
 /// What every step of an instance accesses.
 pub(crate) struct Quick {
     set: Access<*const f64>,
     get: Access<*mut f64>,
+    /// The number of values in a list that has those of both; `usize::MAX` if a function is not known.
+    values: usize,
 }
 
 impl Quick {
-    pub(crate) const NOTHING: Self = Self { set: Access::NOTHING, get: Access::NOTHING };
+    pub(crate) const NOTHING: Self =
+        Self { set: Access::NOTHING, get: Access::NOTHING, values: usize::MAX };
 }
+
+/// The names of a function in both versions.
+type Functions = [&'static str; 2];
+
+const SET: &Functions = &["fmi2SetReal", "fmi3SetFloat64"];
+const GET: &Functions = &["fmi2GetReal", "fmi3GetFloat64"];
 
 /// Defines the access at steps.
 macro_rules! access {
@@ -101,23 +143,16 @@ macro_rules! access {
                 let values = &$($mut)? values[place];
                 if references.is_empty() { None } else { slowly(instance.$slow(&references, values)) }
             }
-            let Access { listed, fmi2, fmi3 } = &self.quick.$access;
-            let (references, instance) = (&listed.references, self.pointer);
-            if listed.place.end > values.len() {
+            let access = &self.quick.$access;
+            let Range { start, end } = access.listed.place;
+            if end > values.len() {
                 return slow(self, values);
             }
-            // SAFETY: the standard gives the types, the functions are those of the library of this instance, which is
-            // not freed, and every pointer is valid for the length passed with it, by the check. The rest depends on
-            // the foreign binary, as described in the crate documentation.
-            let status = unsafe {
-                let (first, to) = (references.as_ptr(), values.$pointer().add(listed.place.start));
-                match (fmi2, fmi3) {
-                    (Some(call), _) => call(instance, first, listed.scalars, to).0,
-                    (_, Some(call)) => call(instance, first, references.len(), to, listed.place.len()).0,
-                    _ => return slow(self, values),
-                }
-            };
-            self.unusual(&$functions, status)
+            // SAFETY: the function is one of this instance, and the values are there, by the check.
+            match unsafe { access.call(self.pointer, values.$pointer().add(start)) } {
+                Some(status) => self.unusual($functions, status),
+                None => slow(self, values),
+            }
         }
     )* };
 }
@@ -130,15 +165,15 @@ impl Instance {
             component.access_at_steps(&set, &get);
         }
         let Library { fmi2, fmi3, .. } = &*self.library;
-        self.quick = Quick {
-            set: Access::new(set, fmi2.fmi2SetReal, fmi3.fmi3SetFloat64),
-            get: Access::new(get, fmi2.fmi2GetReal, fmi3.fmi3GetFloat64),
-        };
+        let set = Access::new(set, fmi2.fmi2SetReal, fmi3.fmi3SetFloat64);
+        let get = Access::new(get, fmi2.fmi2GetReal, fmi3.fmi3GetFloat64);
+        let values = set.end().max(get.end());
+        self.quick = Quick { set, get, values };
     }
 
     access! {
-        set_at_step(&[f64] as as_ptr) = set by set_float64, ["fmi2SetReal", "fmi3SetFloat64"];
-        get_at_step(&mut [f64] as as_mut_ptr) = get by get_float64, ["fmi2GetReal", "fmi3GetFloat64"];
+        set_at_step(&[f64] as as_ptr) = set by set_float64, SET;
+        get_at_step(&mut [f64] as as_mut_ptr) = get by get_float64, GET;
     }
 
     /// [`Instance::do_step`] for steps.
@@ -146,7 +181,7 @@ impl Instance {
     pub fn do_step_quickly(&mut self, time: f64, step: f64) -> Unusual {
         match (self.library.fmi2.fmi2DoStep, self.version) {
             (Some(do_step), _) => {
-                // SAFETY: as above.
+                // SAFETY: the function is one of the library of this instance, which is not freed.
                 let status =
                     unsafe { do_step(self.pointer, time, step, (!self.is_saved).into()).0 };
                 self.unusual(&["fmi2DoStep"; 2], status)
@@ -159,44 +194,85 @@ impl Instance {
         }
     }
 
-    /// Whether [`Instance::cycle`] is possible: in components of `fmu-export`, unless calls are traced.
-    pub fn has_cycle(&self) -> bool {
-        #[cfg(feature = "sandbox")]
-        let has = self.component.as_ref().is_some_and(|component| component.has_cycle());
-        #[cfg(not(feature = "sandbox"))]
-        let has = false;
-        has && !self.library.is_traced()
-    }
-
-    /// Makes the calls of a step in one, with inputs in a list of their own or that of the outputs: sets variables, takes
-    /// the step and gets variables, until one is not plainly successful. Returns how many were made, and the result of
-    /// the last one.
-    #[cfg_attr(not(feature = "sandbox"), expect(unused_variables, reason = "no instance has it"))]
+    /// Makes the calls of a step, with inputs in a list of their own or that of the outputs: sets variables, takes the
+    /// step and gets variables, until one is not plainly successful. `begin` is told before each of them which one it
+    /// is, from 0. Returns how many were made, and the result of the last one; nothing is called if the lists are too
+    /// short, or a function must be looked up.
+    #[inline(always)]
     pub fn cycle(
         &mut self,
         inputs: Option<&[f64]>,
         time: f64,
         step: f64,
         outputs: &mut [f64],
+        begin: impl Fn(usize),
     ) -> (usize, Unusual) {
-        #[cfg(feature = "sandbox")]
-        if let Some(component) = &mut self.component {
-            let how = (time, step, !self.is_saved);
-            if let Some((calls, status, stepped)) = component.cycle(inputs, how, outputs) {
-                let function = ["fmi3SetFloat64", "fmi3DoStep", "fmi3GetFloat64"][calls - 1];
-                let unusual = match self.library.outcome(function, status.0) {
-                    Ok(done) if calls == 2 => crate::instance::at_the_end(done, stepped),
-                    other => slowly(other),
-                };
-                return (calls, unusual);
+        let Quick { set, get, values } = &self.quick;
+        let is_long = match inputs {
+            None => outputs.len() >= *values,
+            Some(inputs) => inputs.len() >= set.end() && outputs.len() >= get.end(),
+        };
+        if !is_long {
+            #[cfg(feature = "sandbox")]
+            {
+                begin(1);
+                return self.cycle_of_component(inputs, time, step, outputs);
+            }
+            #[cfg(not(feature = "sandbox"))]
+            return (0, None);
+        }
+        if !set.is_nothing() {
+            let values = inputs.unwrap_or(outputs).as_ptr();
+            begin(0);
+            // SAFETY: the function is one of this instance, and the values are there, by the check.
+            let status = unsafe { set.call(self.pointer, values.add(set.listed.place.start)) };
+            if let Some(unusual) = self.unusual(SET, status.unwrap_or_default()) {
+                return (1, Some(unusual));
             }
         }
-        (0, None)
+        begin(1);
+        if let Some(unusual) = self.do_step_quickly(time, step) {
+            return (2, Some(unusual));
+        }
+        let Quick { get, .. } = &self.quick;
+        if get.is_nothing() {
+            return (3, None);
+        }
+        begin(2);
+        // SAFETY: as above.
+        let status =
+            unsafe { get.call(self.pointer, outputs.as_mut_ptr().add(get.listed.place.start)) };
+        (3, self.unusual(GET, status.unwrap_or_default()))
+    }
+
+    /// [`Instance::cycle`] of a component of `fmu-export`, in one call, unless calls are traced.
+    #[cfg(feature = "sandbox")]
+    #[inline(never)]
+    fn cycle_of_component(
+        &mut self,
+        inputs: Option<&[f64]>,
+        time: f64,
+        step: f64,
+        outputs: &mut [f64],
+    ) -> (usize, Unusual) {
+        let is_traced = self.library.is_traced();
+        let how = (time, step, !self.is_saved);
+        let component = self.component.as_mut().filter(|c| !is_traced && c.has_cycle());
+        let Some((calls, status, stepped)) = component.and_then(|c| c.cycle(inputs, how, outputs))
+        else {
+            return (0, None);
+        };
+        let function = ["fmi3SetFloat64", "fmi3DoStep", "fmi3GetFloat64"][calls - 1];
+        let unusual = match self.library.outcome(function, status.0) {
+            Ok(done) if calls == 2 => crate::instance::at_the_end(done, stepped),
+            other => slowly(other),
+        };
+        (calls, unusual)
     }
 
     /// The names are passed as one static reference, so that nothing must be kept across the call.
     #[inline(always)]
-    fn unusual(&self, functions: &'static [&'static str; 2], status: c_int) -> Unusual {
+    fn unusual(&self, functions: &'static Functions, status: c_int) -> Unusual {
         match status {
             0 => None,
             _ => Some(self.boxed(functions, status)),
@@ -204,7 +280,7 @@ impl Instance {
     }
 
     #[cold]
-    fn boxed(&self, functions: &'static [&'static str; 2], status: c_int) -> Box<Result> {
+    fn boxed(&self, functions: &'static Functions, status: c_int) -> Box<Result> {
         Box::new(self.library.outcome(functions[self.version as usize], status))
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::{Causality, Type, Value};
-use fmu_host::{Cause, Instance, Kind, Listed, Status, Success};
+use fmu_host::{Cause, Instance, Kind, Listed, Status, Success, Unusual};
 use fmu_worker::Function;
 
 use crate::exchange::{self, Calling, Exchange, Trouble};
@@ -184,34 +184,77 @@ impl<'a> Component<'a> {
             return stepped
                 .map_err(|trouble| self.troubled(trouble, format!("step of {step:?} s")));
         }
-        self.calling.calls.begin(self.do_step);
+        // The communication point tells calls of a plain system apart.
+        match PLAIN {
+            true => self.calling.calls.go_on(self.do_step),
+            false => self.calling.calls.begin(self.do_step),
+        }
         match self.calling.instance.do_step_quickly(time, step) {
             None => Ok(()),
             Some(outcome) => self.explain_step(*outcome, time, step),
         }
     }
 
-    /// Writes its inputs, takes a step and reads its outputs in one call, if it is one of a plain system and can do so.
-    /// Returns how many of the three are done.
+    /// Writes its inputs, takes a step and reads its outputs, of a plain system.
     #[inline(always)]
-    pub(crate) fn cycle(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called<usize> {
-        if !self.calling.instance.has_cycle() {
-            return Ok(0);
+    pub(crate) fn cycle(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called {
+        match self.copied.is_empty() {
+            true => self.cycle_from::<false>(outputs, time, step),
+            false => self.cycle_from_copies(outputs, time, step),
         }
+    }
+
+    #[inline(never)]
+    fn cycle_from_copies(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called {
         self.copy(outputs);
-        let inputs = (!self.copied.is_empty()).then_some(&*self.reals);
-        self.calling.calls.begin(self.do_step);
-        match self.calling.instance.cycle(inputs, time, step, &mut outputs.reals) {
-            (done, None) => Ok(done),
-            (done, Some(outcome)) => {
-                match done {
-                    1 => self.explain_writing_reals(*outcome, outputs),
-                    2 => self.explain_step(*outcome, time, step),
-                    _ => self.explain_reading(*outcome, &self.ports[0].outputs),
-                }?;
-                Ok(done)
-            }
+        self.cycle_from::<true>(outputs, time, step)
+    }
+
+    /// [`Component::cycle`] with inputs that are `COPIED`, or follow each other among the outputs that feed them.
+    #[inline(always)]
+    fn cycle_from<const COPIED: bool>(
+        &mut self,
+        outputs: &mut Store,
+        time: f64,
+        step: f64,
+    ) -> Called {
+        let Calling { instance, calls, .. } = &mut self.calling;
+        let functions = [self.set, self.do_step, self.get];
+        let begin = |call: usize| calls.go_on(functions[call]);
+        let inputs = COPIED.then_some(&*self.reals);
+        match instance.cycle(inputs, time, step, &mut outputs.reals, begin) {
+            (3, None) => Ok(()),
+            (done, outcome) => self.end_cycle(done, outcome, outputs, time, step),
         }
+    }
+
+    /// Makes the rest of the calls of a cycle after some, of which the last one has this outcome.
+    #[cold]
+    #[inline(never)]
+    fn end_cycle(
+        &mut self,
+        done: usize,
+        outcome: Unusual,
+        outputs: &mut Store,
+        time: f64,
+        step: f64,
+    ) -> Called {
+        match (done, outcome) {
+            (_, None) => {}
+            (1, Some(outcome)) => self.explain_writing_reals(*outcome, outputs)?,
+            (2, Some(outcome)) => self.explain_step(*outcome, time, step)?,
+            (_, Some(outcome)) => self.explain_reading(*outcome, &self.ports[0].outputs)?,
+        }
+        if done < 1 {
+            self.write::<true>(outputs)?;
+        }
+        if done < 2 {
+            self.step::<true>(time, step)?;
+        }
+        if done < 3 {
+            self.read::<true>(outputs)?;
+        }
+        Ok(())
     }
 
     /// Begins the integration after the initialization, if it is a component of model exchange.

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use fmu_file::text::plain;
 use fmu_host::{Logged, Status};
-use fmu_worker::Record;
+use fmu_worker::{Call, Record};
 use serde::{Deserialize, Serialize};
 
 /// A log message of an instance.
@@ -19,7 +19,7 @@ pub struct Message {
     /// How many times it was logged.
     pub times: u64,
     /// The call in which it was logged last.
-    call: u64,
+    call: Call,
 }
 
 /// Maximum number kept, in case an FMU logs at every step.
@@ -68,7 +68,7 @@ impl Messages {
         &self.0.record
     }
 
-    fn call(&self) -> u64 {
+    fn call(&self) -> Call {
         self.0.record.call()
     }
 
@@ -80,17 +80,15 @@ impl Messages {
     }
 
     fn keep(&self, instance: &str, warning: bool, text: String) {
-        let mut messages = self.kept();
+        let (mut messages, call) = (self.kept(), self.call());
         let same = |m: &Message| m.text == text && m.instance == instance;
         let mut message = match messages.iter().position(same) {
             Some(index) => messages.remove(index),
-            None => {
-                Message { instance: instance.to_owned(), warning: false, text, times: 0, call: 0 }
-            }
+            None => Message { instance: instance.to_owned(), warning: false, text, times: 0, call },
         };
         message.warning |= warning;
         message.times += 1;
-        message.call = self.call();
+        message.call = call;
         if messages.len() == MAX_MESSAGES {
             messages.remove(0);
         }

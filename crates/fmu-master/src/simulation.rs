@@ -190,13 +190,10 @@ impl Simulation<'_> {
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         let integrates = self.plan.components.iter().any(Planned::integrates);
         let is_plain = self.plan.wiring.is_plain && !integrates;
-        // Native systems do not ask at each step.
-        let cycles = self.components.iter().any(|component| component.calling.instance.has_cycle());
-        let steps = match (self.ended.take(), is_plain, cycles) {
-            (Some(failure), ..) => self.record_start(&mut observe).and(Err(failure)),
-            (None, true, true) => self.steps::<true, true>(&mut observe),
-            (None, true, false) => self.steps::<true, false>(&mut observe),
-            _ => self.steps::<false, false>(&mut observe),
+        let steps = match (self.ended.take(), is_plain) {
+            (Some(failure), _) => self.record_start(&mut observe).and(Err(failure)),
+            (None, true) => self.steps::<true>(&mut observe),
+            (None, false) => self.steps::<false>(&mut observe),
         };
         let ended = match steps {
             Ok(()) => None,
@@ -250,10 +247,7 @@ impl Simulation<'_> {
     }
 
     #[inline(always)]
-    fn steps<const PLAIN: bool, const CYCLES: bool>(
-        &mut self,
-        observe: &mut impl FnMut(&Row) -> bool,
-    ) -> Called {
+    fn steps<const PLAIN: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -263,6 +257,7 @@ impl Simulation<'_> {
         let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
+        self.components.iter_mut().for_each(|component| component.calling.calls.begin(None));
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.record().at(time);
@@ -275,7 +270,7 @@ impl Simulation<'_> {
                 break;
             }
             if k < last {
-                let stepped = self.step::<PLAIN, CYCLES>(k, time, experiment.step);
+                let stepped = self.step::<PLAIN>(k, time, experiment.step);
                 stepped.map_err(failed_at(time))?;
                 self.row.store.record::<PLAIN>(&wiring.after, &self.outputs);
             }
@@ -295,12 +290,7 @@ impl Simulation<'_> {
 
     /// Steps from one communication point to the next.
     #[inline]
-    fn step<const PLAIN: bool, const CYCLES: bool>(
-        &mut self,
-        k: u64,
-        time: f64,
-        step: f64,
-    ) -> Called {
+    fn step<const PLAIN: bool>(&mut self, k: u64, time: f64, step: f64) -> Called {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
         let lines = &mut self.lines;
         let mut carry = |component: usize, outputs: &mut Store| {
@@ -312,16 +302,13 @@ impl Simulation<'_> {
         if self.plan.order == Order::Sequential {
             for (index, component) in components.iter_mut().enumerate() {
                 carry(index, outputs);
-                let done = if CYCLES { component.cycle(outputs, time, step)? } else { 0 };
-                if done < 1 {
-                    component.write::<PLAIN>(outputs)?;
+                if PLAIN {
+                    component.cycle(outputs, time, step)?;
+                    continue;
                 }
-                if done < 2 {
-                    component.step::<PLAIN>(time, step)?;
-                }
-                if done < 3 {
-                    component.read::<PLAIN>(outputs)?;
-                }
+                component.write::<PLAIN>(outputs)?;
+                component.step::<PLAIN>(time, step)?;
+                component.read::<PLAIN>(outputs)?;
             }
             return Ok(());
         }

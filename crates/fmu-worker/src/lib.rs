@@ -41,6 +41,6 @@ mod record;
 mod service;
 mod worker;
 
-pub use record::{Calls, Function, Moment, Record};
+pub use record::{Call, Calls, Function, Moment, Record};
 pub use service::Service;
 pub use worker::{Ended, Event, Limits, SLOW, Worker, available_memory};

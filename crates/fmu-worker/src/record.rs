@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use fmi_abi::Version;
 use fmu_host::SharedMemory;
+use serde::{Deserialize, Serialize};
 
 use crate::channel;
 
@@ -16,6 +17,13 @@ use crate::channel;
 /// share the record. By default, it is ordinary memory of this process.
 #[derive(Debug, Clone)]
 pub struct Record(SharedMemory);
+
+/// A call, which differs from all others: the word `CALL`, and the communication point as bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Call {
+    word: u64,
+    time: u64,
+}
 
 /// What a record says at one moment.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -42,14 +50,15 @@ const CALL: usize = 0;
 /// The communication point (s), NaN before the initialization, and the communication step (s), as bits.
 const TIME: usize = 1;
 const STEP: usize = 2;
-/// The word `CALL` when the newest message was logged.
+/// The words `CALL` and `TIME` when the newest message was logged.
 const LOGGED_IN: usize = 3;
+const LOGGED_AT: usize = 4;
 /// Whether a process that was forked has gone on with the work.
-const FORKED: usize = 4;
+const FORKED: usize = 5;
 /// Whether a worker has the record.
-const CLAIMED: usize = 5;
+const CLAIMED: usize = 6;
 /// The newest message and the stage: the length in bytes, then the bytes. Longer texts are cut.
-const MESSAGE: usize = 6;
+const MESSAGE: usize = 7;
 const STAGE: usize = MESSAGE + 1 + MAX_TEXT / 8;
 const MAX_TEXT: usize = 1024;
 /// Number of words.
@@ -90,7 +99,7 @@ impl Record {
     /// Records the calls of a component.
     pub fn calls(&self, component: usize) -> Calls {
         let component = (component as u64) << FUNCTION_BITS & NOT_NUMBER;
-        Calls { record: self.clone(), word: self.call() & !NOT_NUMBER | component }
+        Calls { record: self.clone(), word: self.call().word & !NOT_NUMBER | component }
     }
 
     /// Records that no call is in progress.
@@ -117,7 +126,9 @@ impl Record {
     /// Records a log message.
     pub fn log(&self, text: &str) {
         self.write(MESSAGE, text);
-        self.word(LOGGED_IN).store(self.call(), Relaxed);
+        let Call { word, time } = self.call();
+        self.word(LOGGED_IN).store(word, Relaxed);
+        self.word(LOGGED_AT).store(time, Relaxed);
     }
 
     /// Records that a second process has gone on with the work.
@@ -136,15 +147,16 @@ impl Record {
         self.word(CLAIMED).swap(1, Relaxed) == 0
     }
 
-    /// A number that differs for every call.
+    /// The call in progress, or the newest one.
     #[inline]
-    pub fn call(&self) -> u64 {
-        self.word(CALL).load(Relaxed)
+    pub fn call(&self) -> Call {
+        let [word, time] = [CALL, TIME].map(|index| self.word(index).load(Relaxed));
+        Call { word, time }
     }
 
     /// Whether a call is in progress.
     pub fn is_in_call(&self) -> bool {
-        function(self.call()).is_some()
+        function(self.call().word).is_some()
     }
 
     /// The communication point (s); `None` before the initialization.
@@ -157,13 +169,14 @@ impl Record {
     pub fn now(&self) -> Moment {
         let call = self.call();
         Moment {
-            component: ((call & NOT_NUMBER) >> FUNCTION_BITS) as usize,
-            function: function(call),
+            component: ((call.word & NOT_NUMBER) >> FUNCTION_BITS) as usize,
+            function: function(call.word),
             time: self.time(),
             step: f64::from_bits(self.word(STEP).load(Relaxed)),
             stage: self.read(STAGE),
             message: self.read(MESSAGE),
-            is_message_of_call: self.word(LOGGED_IN).load(Relaxed) == call,
+            is_message_of_call: self.word(LOGGED_IN).load(Relaxed) == call.word
+                && self.word(LOGGED_AT).load(Relaxed) == call.time,
         }
     }
 
@@ -262,7 +275,8 @@ impl Calls {
         self.go_on(function);
     }
 
-    /// Records the call of a function that was not called since [`Calls::begin`], with the number of that call.
+    /// Records the call of a function that was not called at this communication point since [`Calls::begin`], with the
+    /// number of that call.
     #[inline]
     pub fn go_on(&self, function: Option<Function>) {
         let word = self.word | function.map_or(0, |function| function.0.get());

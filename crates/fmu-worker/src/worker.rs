@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use crate::Record;
 use crate::channel::{Receiver, Sender, WORDS};
+use crate::{Call, Record};
 use fmu_host::SharedMemory;
 
 /// What a process may use before it is killed.
@@ -98,7 +98,7 @@ pub struct Worker {
     /// When the last task was sent.
     sent: Instant,
     /// The call in progress, when it was first seen, and whether it was reported as slow.
-    call: u64,
+    call: Call,
     since: Instant,
     is_reported: bool,
     /// When something last happened, and when the memory was last looked up.
