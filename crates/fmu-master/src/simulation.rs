@@ -55,6 +55,12 @@ impl Row {
         self.store.number(place)
     }
 
+    /// The values of the first columns of the type Float64, if there are as many.
+    #[inline]
+    pub(crate) fn first<const N: usize>(&self) -> Option<&[f64; N]> {
+        self.store.reals.first_chunk()
+    }
+
     /// The values of the columns of [`Plan::columns`].
     pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
         Self::places(columns).map(|place| self.store.value(place))

@@ -107,7 +107,8 @@ pub fn push_line(text: &mut String, row: impl Iterator<Item = Cell>) {
                 text.push_str(&value.replace('"', "\"\""));
                 text.push('"');
             }
-            // Writing to a string does not fail.
+            // As all other values, but quickly; writing to a string does not fail.
+            Some(Value::Float64(number)) => _ = write!(text, "{number:?}"),
             Some(value) => _ = write!(text, "{value}"),
         }
         text.push(',');
@@ -122,18 +123,20 @@ pub fn push_line(text: &mut String, row: impl Iterator<Item = Cell>) {
 /// The row is no CSV, or does not fit the columns.
 pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a str)> {
     let line = || text.lines().next().unwrap_or_default();
-    let (fields, rest) =
-        fields(text).with_context(|| format!("{:?}, expected fields of CSV", line()))?;
+    let (fields, rest) = fields(text, columns.len())
+        .with_context(|| format!("{:?}, expected fields of CSV", line()))?;
     ensure!(fields.len() == columns.len(), "{:?}, expected {} fields", line(), columns.len());
-    let cells = columns.iter().zip(&fields);
-    let cells = cells.map(|(column, field)| column.parse(field.as_deref()));
-    Ok((cells.collect::<Result<_>>()?, rest))
+    let mut cells = Vec::with_capacity(columns.len());
+    for (column, field) in columns.iter().zip(&fields) {
+        cells.push(column.parse(field.as_deref())?);
+    }
+    Ok((cells, rest))
 }
 
 /// The fields of a line of CSV, `None` for an empty one without quotes, and the rest after the line; `None` if
-/// the line is not CSV.
-pub fn fields(mut text: &str) -> Option<(Vec<Option<Cow<'_, str>>>, &str)> {
-    let mut fields = Vec::new();
+/// the line is not CSV. About `count` are expected.
+pub fn fields(mut text: &str, count: usize) -> Option<(Vec<Option<Cow<'_, str>>>, &str)> {
+    let mut fields = Vec::with_capacity(count);
     loop {
         if let Some(mut rest) = text.strip_prefix('"') {
             let mut field = String::new();
@@ -149,7 +152,8 @@ pub fn fields(mut text: &str) -> Option<(Vec<Option<Cow<'_, str>>>, &str)> {
             }
             fields.push(Some(field.into()));
         } else {
-            let (field, rest) = text.split_at(text.find([',', '\n']).unwrap_or(text.len()));
+            let end = text.bytes().position(|byte| matches!(byte, b',' | b'\n'));
+            let (field, rest) = text.split_at(end.unwrap_or(text.len()));
             fields.push((!field.is_empty()).then_some(field.into()));
             text = rest;
         }

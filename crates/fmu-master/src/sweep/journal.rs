@@ -164,12 +164,13 @@ impl Journal {
         synced.with_context(|| self.cannot("write"))
     }
 
-    /// Writes the table with its rows sorted by run, and removes the journal.
+    /// Writes the table with its rows sorted by run, and removes the journal. `see` receives what reads a cell of each row
+    /// by the place of its column.
     ///
     /// # Errors
     /// Runs are missing or appear twice with different values, or a file cannot be read or written; the
     /// journal is then kept.
-    pub fn finish(mut self, mut see: impl FnMut(&[Cell])) -> Result<()> {
+    pub fn finish(mut self, mut see: impl FnMut(&dyn Fn(usize) -> Cell)) -> Result<()> {
         let text = self.read()?;
         // All lines were checked before.
         let first = |line: &str| line.split(',').next()?.parse().ok().filter(|i| *i < self.runs);
@@ -183,11 +184,6 @@ impl Journal {
             self.runs,
             (0..self.runs).find(|index| !rows.contains_key(index)).unwrap_or_default()
         );
-        let rows = rows.values().map(|line| -> Result<_> {
-            let (row, _) = table::parse(&self.columns, line)?;
-            see(&row);
-            Ok((line, row))
-        });
         match self.format {
             Format::Csv => {
                 // A row has the same line in the table.
@@ -195,15 +191,24 @@ impl Journal {
                 let mut table = BufWriter::new(&mut output);
                 let cannot = || format!("cannot write {}", self.output.display());
                 write!(table, "{}", table::header(&self.columns)).with_context(cannot)?;
-                for row in rows {
-                    writeln!(table, "{}", row?.0).with_context(cannot)?;
+                for line in rows.values() {
+                    let (fields, _) = table::fields(line, self.columns.len()).unwrap_or_default();
+                    see(&|place| {
+                        let field = fields.get(place)?.as_deref();
+                        self.columns.get(place)?.parse(field).ok().flatten()
+                    });
+                    writeln!(table, "{line}").with_context(cannot)?;
                 }
                 table.flush().with_context(cannot)?;
                 drop(table);
                 output.finish()?;
             }
             Format::Parquet => {
-                let rows = rows.map(|row| Ok(row?.1));
+                let rows = rows.values().map(|line| {
+                    let (row, _) = table::parse(&self.columns, line)?;
+                    see(&|place| row.get(place).cloned().flatten());
+                    Ok(row)
+                });
                 table::write_parquet(&self.output, &self.columns, rows)?;
             }
         }

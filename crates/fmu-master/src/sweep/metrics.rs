@@ -226,25 +226,36 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// The metrics and their columns, which have the names of the fields.
-    pub fn cells(&self) -> [(Column, Cell); 9] {
-        let column = |name| Column::new(name, "", Type::Float64);
-        let number = |name, number| (column(name), Some(Value::Float64(number)));
-        let optional = |name, number: Option<f64>| {
-            let cell = number.map(Value::Float64);
-            (column(name).optional(), cell)
-        };
-        let diverged = Column::new("diverged", "", Type::Boolean);
+    /// The columns of the metrics, with the names of the fields.
+    pub fn columns() -> [Column; 9] {
+        let number = |name| Column::new(name, "", Type::Float64);
+        let optional = |name| number(name).optional();
         [
-            number("iae", self.iae),
-            number("ise", self.ise),
-            number("itae", self.itae),
-            optional("overshoot", self.overshoot),
-            optional("settling_time", self.settling_time),
-            number("largest_u", self.largest_u),
-            optional("final_e", self.final_e),
-            (diverged, Some(Value::Boolean(self.diverged))),
-            optional("diverged_at", self.diverged_at),
+            number("iae"),
+            number("ise"),
+            number("itae"),
+            optional("overshoot"),
+            optional("settling_time"),
+            number("largest_u"),
+            optional("final_e"),
+            Column::new("diverged", "", Type::Boolean),
+            optional("diverged_at"),
+        ]
+    }
+
+    /// The metrics in the order of [`Summary::columns`].
+    pub fn cells(&self) -> [Cell; 9] {
+        let number = |number| Some(Value::Float64(number));
+        [
+            number(self.iae),
+            number(self.ise),
+            number(self.itae),
+            self.overshoot.and_then(number),
+            self.settling_time.and_then(number),
+            number(self.largest_u),
+            self.final_e.and_then(number),
+            Some(Value::Boolean(self.diverged)),
+            self.diverged_at.and_then(number),
         ]
     }
 }

@@ -19,7 +19,7 @@ use super::parameters::{Parameter, Parameters};
 use super::pool::{Outcome, Pool, Workers};
 use crate::table::{self, Cell, Column};
 use crate::{
-    Description, Failure, Messages, Order, Place, Plan, Sandbox, Simulation, Start, Written,
+    Description, Failure, Messages, Order, Place, Plan, Row, Sandbox, Simulation, Start, Written,
     locate, ssp,
 };
 
@@ -119,34 +119,33 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Compares a row of the table with the best so far.
-    fn see(&mut self, columns: &[Column], row: &[Cell]) {
-        let value = |name| {
-            let (_, cell) = columns.iter().zip(row).find(|(c, _)| c.name == name)?;
-            cell.as_ref()
+    /// Compares a row of the table, whose cells are read when they are asked for, with the best so far.
+    fn see(&mut self, columns: &[Column], cell: &dyn Fn(usize) -> Cell) {
+        let value = |name| cell(columns.iter().position(|column| column.name == name)?);
+        let run = || {
+            let parameters = columns.iter().take_while(|column| column.name != "iae");
+            let named = parameters.enumerate().filter_map(|(place, column)| {
+                let value = cell(place)?;
+                Some(match column.name.as_str() {
+                    "index" => format!("run {value}"),
+                    name => format!("{name} = {value}"),
+                })
+            });
+            Vec::from_iter(named).join(", ")
         };
-        let parameters = columns.iter().zip(row).take_while(|(c, _)| c.name != "iae");
-        let named = parameters.filter_map(|(column, cell)| {
-            let value = cell.as_ref()?;
-            Some(match column.name.as_str() {
-                "index" => format!("run {value}"),
-                name => format!("{name} = {value}"),
-            })
-        });
-        let run = || Vec::from_iter(named).join(", ");
-        if let (Some(Value::Int64(index)), Some(Value::String(why))) =
-            (value("index"), value("failure"))
+        if let Some(Value::String(why)) = value("failure")
+            && let Some(Value::Int64(index)) = value("index")
         {
-            let index = *index as u64;
+            let index = index as u64;
             self.failed += 1;
             if self.first_failure.as_ref().is_none_or(|(first, _)| index < *first) {
-                self.first_failure = Some((index, why.clone()));
+                self.first_failure = Some((index, why));
             }
         }
         if let Some(Value::Boolean(true)) = value("diverged") {
             self.diverged += 1;
             self.first_diverged.get_or_insert_with(run);
-        } else if let Some(&Value::Float64(iae)) = value("iae")
+        } else if let Some(Value::Float64(iae)) = value("iae")
             && self.best.as_ref().is_none_or(|(best, _)| iae < *best)
         {
             self.best = Some((iae, run()));
@@ -240,7 +239,7 @@ impl Study {
         let set = file.set.iter().map(|(name, value)| plan.start(name, value));
         let columns = [Column::new("index", "", Type::Int64)].into_iter();
         let columns = columns.chain(parameters.columns());
-        let columns = columns.chain(Summary::default().cells().map(|(column, _)| column));
+        let columns = columns.chain(Summary::columns());
         let failure = Column::new("failure", "", Type::String).optional();
         let study = Self {
             signals: places,
@@ -354,15 +353,14 @@ impl Study {
             }
         };
         let mut metrics = Metrics::new(&self.metrics);
-        let ([r, y, e, u], gathered) = (self.signals, &mut metrics);
+        let (places, gathered) = (&self.signals, &mut metrics);
+        let are_first = *places == [0, 1, 2, 3].map(Place::Real);
         let ended = simulation.run(move |row| {
-            gathered.push(Sample {
-                time: row.time,
-                r: row.number(r),
-                y: row.number(y),
-                e: row.number(e),
-                u: row.number(u),
-            })
+            let [r, y, e, u] = match row.first() {
+                Some(first) if are_first => *first,
+                _ => numbers(row, places),
+            };
+            gathered.push(Sample { time: row.time, r, y, e, u })
         });
         // A run that an FMU has ended cannot be compared with others either.
         let failure = match ended {
@@ -405,7 +403,7 @@ impl Study {
         let failure = failure.map(|text| Value::String(text.replace(char::is_control, " ")));
         let cells = [Some(Value::UInt64(index))].into_iter();
         let cells = cells.chain(values.map(|(_, value)| Some(value)));
-        let cells = cells.chain(summary.cells().map(|(_, cell)| cell));
+        let cells = cells.chain(summary.cells());
         let mut line = String::new();
         table::push_line(&mut line, cells.chain([failure]));
         Ok(line)
@@ -496,7 +494,7 @@ impl Study {
         // They free their FMUs while the table is written.
         pool.dismiss();
         match is_complete {
-            true => journal.finish(|row| progress.see(&self.columns, row))?,
+            true => journal.finish(|cell| progress.see(&self.columns, cell))?,
             false => journal.keep()?,
         }
         Ok((is_complete, progress))
@@ -534,12 +532,19 @@ impl Study {
         }
         let mut progress = Progress { runs, ..Progress::default() };
         match journal.missing()[..] {
-            [] => journal.finish(|row| progress.see(&self.columns, row))?,
+            [] => journal.finish(|cell| progress.see(&self.columns, cell))?,
             [(0, end)] if end == runs => return journal.remove().map(|()| None),
             _ => return journal.keep().map(|()| None),
         }
         Ok(Some(progress))
     }
+}
+
+/// The signals in a row, if they are not its first columns.
+#[cold]
+#[inline(never)]
+fn numbers(row: &Row, places: &[Place; 4]) -> [f64; 4] {
+    places.map(|place| row.number(place))
 }
 
 /// A value of a run as the user would write it.
@@ -607,7 +612,7 @@ mod tests {
                 Value::Float64(iae),
                 Value::Boolean(diverged),
             ];
-            progress.see(&columns, &row.map(Some));
+            progress.see(&columns, &|place| Some(row[place].clone()));
         }
         assert_eq!(progress.best, Some((2.0, "run 3, a.k = 8.0".to_owned())));
         assert_eq!(progress.diverged, 2);
