@@ -131,15 +131,19 @@ impl<M: Model, const N: usize> Bound<M, N> {
         references: &[u32],
         values: &mut [f64],
     ) -> bool {
-        let mut each = references.iter().zip(values);
-        each.all(|(&reference, value)| match places.get(reference as usize) {
+        let mut get = |(&reference, value): (&u32, &mut f64)| match places.get(reference as usize) {
             Some(&Place { offset, .. }) if offset != Place::NONE => {
                 // SAFETY: the reference belongs to a Real, by the check.
                 *value = unsafe { *real_at(self.memory(), offset) };
                 true
             }
             _ => false,
-        })
+        };
+        // Many models have one output, for which a loop would take longer than the access.
+        match (references, values) {
+            ([reference], [value]) => get((reference, value)),
+            (references, values) => references.iter().zip(values).all(get),
+        }
     }
 
     /// Sets what is at some of the places. Returns false and writes nothing if a variable or value is not
@@ -156,16 +160,21 @@ impl<M: Model, const N: usize> Bound<M, N> {
             (places.get(reference as usize))
                 .is_some_and(|place| place.min <= *value && *value <= place.max)
         };
+        // SAFETY: the reference belongs to a Real, by the check.
+        let mut set = |(&reference, &value): (&u32, &f64)| unsafe {
+            *real_at(self.memory(), places.get_unchecked(reference as usize).offset) = value;
+        };
+        // As for getting.
+        if let ([reference], [value]) = (references, values) {
+            let is_set = is_allowed((reference, value));
+            is_set.then(|| set((reference, value)));
+            return is_set;
+        }
         let all = references.iter().zip(values);
         if !all.clone().all(is_allowed) {
             return false;
         }
-        for (&reference, &value) in all {
-            // SAFETY: the reference belongs to a Real, by the check.
-            unsafe {
-                *real_at(self.memory(), places.get_unchecked(reference as usize).offset) = value
-            };
-        }
+        all.for_each(set);
         true
     }
 
