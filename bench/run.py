@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 
 import engines
 from measure import Bench
-from page import EARLIER, draw, earlier, published, render, worse
+from page import EARLIER, draw, earlier, last_before, published, render, worse
 from pendulum_fmus.project import ROOT
 
 PAGE = ROOT / "docs" / "speed.md"
@@ -48,7 +48,7 @@ def main() -> None:
     text, pictures = render(results), draw(results, out)
     (out / "speed.md").write_text(text, encoding="utf-8")
     print(*(line for line in text.splitlines() if line.startswith("|")), sep="\n")
-    for line in worse(published(results), earlier()[-1]):
+    for line in worse(published(results), last_before(published(results))):
         print(f"worse than published: {line}", file=sys.stderr)
     if options.publish:
         options.publish.write_text(text, encoding="utf-8")

@@ -85,6 +85,11 @@ def test_what_is_worse_than_published_is_named(measure) -> None:
     page = importlib.import_module("page")
     before = page.earlier()[-1]
     assert page.worse(before, before) == []
+    # Ratios differ between processors.
+    for published in page.earlier():
+        found = page.last_before(published)
+        assert all(found[key] == published[key] for key in ("processor", "vectors"))
+    assert page.last_before({"processor": "another", "vectors": "none"}) == before
     step = "a step of the coupled pair, natively, relative to a master in C"
     speed = "the same step in FMPy, relative to the native one"
     for factor, worse in ((1.1, step), (0.9, speed)):
