@@ -1,8 +1,7 @@
 //! Connections and recorded variables, grouped by component and type for reading and writing, and the store
 //! of their values.
 
-use std::collections::HashSet;
-use std::collections::hash_map::{Entry, HashMap};
+use std::collections::{HashMap, HashSet};
 
 use fmu_description::{FmiVersion, Type, Value};
 use fmu_host::{Listed, operation};
@@ -371,18 +370,16 @@ impl Wired {
         let variable = fmu.variable(scalar);
         let (reference, count) = (variable.reference, variable.count());
         // Aliases of scalars are accessed each on its own.
-        let known = (count > 1).then(|| self.arrays.entry(reference));
-        let first = match known {
-            Some(Entry::Occupied(first)) => *first.get(),
-            known => {
-                if let Some(Entry::Vacant(first)) = known {
-                    first.insert(self.elements);
-                }
-                self.references.push(reference);
-                self.elements += count;
-                self.elements - count
+        let is_array = count > 1;
+        let known = if is_array { self.arrays.get(&reference).copied() } else { None };
+        let first = known.unwrap_or_else(|| {
+            self.references.push(reference);
+            if is_array {
+                self.arrays.insert(reference, self.elements);
             }
-        };
+            self.elements += count;
+            self.elements - count
+        });
         self.scalars.push(scalar);
         self.positions.push(first + fmu.scalars[scalar].element);
         self.are_all = self.positions.len() == self.elements
