@@ -267,7 +267,11 @@ pub(crate) use {ensure, refused};
 ///
 /// The operator `?` converts any error to it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ModelError {
+pub struct ModelError(Box<Inner>); // one word, so that a step returns its result in a register
+
+/// What an error says.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Inner {
     reason: String,
     kind: Kind,
 }
@@ -304,25 +308,25 @@ impl ModelError {
     #[cold]
     #[inline(never)]
     fn of(kind: Kind, reason: &dyn Display) -> Self {
-        let reason = reason.to_string();
-        Self { reason, kind }
+        Self(Box::new(Inner { reason: reason.to_string(), kind }))
     }
 
     /// The same error of another kind.
-    pub(crate) fn with_kind(self, kind: Kind) -> Self {
-        Self { kind, ..self }
+    pub(crate) fn with_kind(mut self, kind: Kind) -> Self {
+        self.0.kind = kind;
+        self
     }
 
     /// The same error with a message that begins by saying where it happened.
     #[cold]
     #[inline(never)]
     pub(crate) fn with_prefix(self, prefix: std::fmt::Arguments<'_>) -> Self {
-        Self::of(self.kind, &format_args!("{prefix}: {}", self.reason))
+        Self::of(self.0.kind, &format_args!("{prefix}: {}", self.0.reason))
     }
 
     /// The same error of a call that cannot be discarded.
     pub(crate) fn not_discarded(self) -> Self {
-        match self.kind {
+        match self.0.kind {
             Kind::Discarded => self.with_kind(Kind::Refused),
             _ => self,
         }
@@ -335,11 +339,11 @@ impl ModelError {
 
     /// The message for the user.
     pub fn reason(&self) -> &str {
-        &self.reason
+        &self.0.reason
     }
 
     pub(crate) fn kind(&self) -> Kind {
-        self.kind
+        self.0.kind
     }
 }
 
@@ -349,7 +353,7 @@ impl Failure for ModelError {
     }
 
     fn is_discarded(&self) -> bool {
-        self.kind == Kind::Discarded
+        self.0.kind == Kind::Discarded
     }
 
     fn with_prefix(self, prefix: Arguments<'_>) -> Self {
