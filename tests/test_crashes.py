@@ -1,5 +1,6 @@
 """FMUs that crash, exit, hang or fill the memory: what is reported, what is kept, what is left."""
 
+import os
 import re
 import resource
 import shutil
@@ -184,6 +185,16 @@ def test_the_next_command_removes_what_killed_sweeps_have_left_though_workers_st
         return not list((folder / "temporary").iterdir())
 
     wait_until(is_empty)
+
+
+def test_the_next_command_removes_the_folder_of_one_that_was_killed_before_it_locked_it(folder):
+    old, new = (folder / "temporary" / f"cargo-fmu-{name}" for name in ("old", "new"))
+    for made in (old, new):
+        made.mkdir()
+    os.utime(old, (0, 0))
+    assert run("simulate", "system.toml", "--stop=0.01", cwd=folder).returncode == 0
+    assert list(new.parent.iterdir()) == [new]
+    new.rmdir()
 
 
 def test_the_next_command_removes_what_a_killed_one_has_left(folder):

@@ -2,7 +2,7 @@
 //! unfinished files.
 
 use std::ffi::OsString;
-use std::fs::{self, File};
+use std::fs::{self, DirEntry, File};
 use std::io;
 use std::path::Path;
 use std::process::{self, Command, ExitCode};
@@ -24,6 +24,8 @@ pub struct Session {
     signal: Arc<AtomicUsize>,
 }
 
+/// The time within which a process has locked its folder.
+const STARTING: Duration = Duration::from_secs(10);
 /// Interval between checks for a signal.
 const PERIOD: Duration = Duration::from_millis(20);
 
@@ -152,14 +154,23 @@ fn remove_abandoned(parent: &Path) {
     let entries = fs::read_dir(parent).into_iter().flatten().flatten();
     for entry in entries.filter(|e| e.file_name().to_string_lossy().starts_with(PREFIX)) {
         let folder = entry.path();
-        let lock = File::open(folder.join(LOCK));
+        let is_abandoned = match File::open(folder.join(LOCK)) {
+            Ok(lock) => lock.try_lock().is_ok(),
+            Err(error) => error.kind() == io::ErrorKind::NotFound && is_old(&entry),
+        };
         let left = folder.with_extension(LEFT);
         // It may be of another user.
-        let _ = match folder == left || lock.is_ok_and(|lock| lock.try_lock().is_ok()) {
+        let _ = match folder == left || is_abandoned {
             true => fs::rename(&folder, &left).and_then(|()| fs::remove_dir_all(left)),
             false => Ok(()),
         };
     }
+}
+
+/// Whether a folder without a lock is not of a process that is about to create one, but of one that was killed before.
+fn is_old(folder: &DirEntry) -> bool {
+    let modified = folder.metadata().and_then(|metadata| metadata.modified());
+    modified.is_ok_and(|modified| modified.elapsed().is_ok_and(|age| age > STARTING))
 }
 
 /// The exit code of a process that a signal has ended, as shells report it.
