@@ -187,14 +187,15 @@ def render(results: Mapping) -> str:
     options = {"trim_blocks": True, "keep_trailing_newline": True}
     environment = Environment(loader=loader, undefined=StrictUndefined, **options)
     environment.filters |= {"code": code, "median": median, "ns": ns, "rate": rate, "row": row}
-    kinds = ratios(costs)
+    kinds, now = ratios(costs), published(results)
+    before = last_before(now)
     context: dict[str, Any] = kinds | {
         "missed": [r for kind in kinds.values() for r in kind.values() if r.verdict in MISSED],
         "engines": {name: engine_cells(results["wasm"]["costs"], name) for name in SIGNALS},
         "nodes": [],
         "python": None,
-        "before": last_before(published(results)),
-        "worse": worse(published(results), last_before(published(results))),
+        "before": before,
+        "worse": worse(now, before),
         "noise": [
             noise(costs, [f"cycle/{name}" for name in (REFERENCE.name, "PidRbf")], INPUTS),
             noise(costs, ["pair/own"], [""]),

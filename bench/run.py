@@ -45,16 +45,16 @@ def main() -> None:
             results["wasm"] = engines.measure(Path(folder), quick=options.quick)
         file.write_text(json.dumps(results, indent=1), encoding="utf-8")
     results = json.loads(file.read_text(encoding="utf-8"))
-    text, pictures = render(results), draw(results, out)
+    text, pictures, now = render(results), draw(results, out), published(results)
     (out / "speed.md").write_text(text, encoding="utf-8")
     print(*(line for line in text.splitlines() if line.startswith("|")), sep="\n")
-    for line in worse(published(results), last_before(published(results))):
+    for line in worse(now, last_before(now)):
         print(f"worse than published: {line}", file=sys.stderr)
     if options.publish:
         options.publish.write_text(text, encoding="utf-8")
-        if options.publish == PAGE and published(results) != earlier()[-1]:
+        if options.publish == PAGE and now != earlier()[-1]:
             with EARLIER.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(published(results)) + "\n")
+                file.write(json.dumps(now) + "\n")
         for picture in pictures:
             if picture.parent != options.publish.parent.resolve():
                 shutil.copy(picture, options.publish.parent)

@@ -167,7 +167,7 @@ fn remove_abandoned(parent: &Path) {
     }
 }
 
-/// Whether a folder without a lock is not of a process that is about to create one, but of one that was killed before.
+/// Whether a folder is so old that its process, if it still ran, would have locked it.
 fn is_old(folder: &DirEntry) -> bool {
     let modified = folder.metadata().and_then(|metadata| metadata.modified());
     modified.is_ok_and(|modified| modified.elapsed().is_ok_and(|age| age > STARTING))

@@ -167,15 +167,17 @@ impl<M: Model, const N: usize> Bound<M, N> {
         // As for getting.
         if let ([reference], [value]) = (references, values) {
             let is_set = is_allowed((reference, value));
-            is_set.then(|| set((reference, value)));
+            if is_set {
+                set((reference, value));
+            }
             return is_set;
         }
         let all = references.iter().zip(values);
-        if !all.clone().all(is_allowed) {
-            return false;
+        let are_set = all.clone().all(is_allowed);
+        if are_set {
+            all.for_each(set);
         }
-        all.for_each(set);
-        true
+        are_set
     }
 
     /// As [`get_each`](Self::get_each), where a reference stands for a variable with all its

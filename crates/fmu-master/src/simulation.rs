@@ -263,6 +263,7 @@ impl Simulation<'_> {
         let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
+        // The first step reads them at the same communication point, but in other calls.
         self.components.iter_mut().for_each(|component| component.calling.calls.begin(None));
         for k in 0..steps {
             let time = experiment.time(k);

@@ -123,8 +123,8 @@ pub fn push_line(text: &mut String, row: impl Iterator<Item = Cell>) {
 /// The row is no CSV, or does not fit the columns.
 pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a str)> {
     let line = || text.lines().next().unwrap_or_default();
-    let (fields, rest) = fields(text, columns.len())
-        .with_context(|| format!("{:?}, expected fields of CSV", line()))?;
+    let (fields, rest) =
+        fields(text).with_context(|| format!("{:?}, expected fields of CSV", line()))?;
     ensure!(fields.len() == columns.len(), "{:?}, expected {} fields", line(), columns.len());
     let mut cells = Vec::with_capacity(columns.len());
     for (column, field) in columns.iter().zip(&fields) {
@@ -133,10 +133,13 @@ pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a st
     Ok((cells, rest))
 }
 
+/// The number of columns for which a row has room at first.
+const USUAL_COLUMNS: usize = 16;
+
 /// The fields of a line of CSV, `None` for an empty one without quotes, and the rest after the line; `None` if
-/// the line is not CSV. About `count` are expected.
-pub fn fields(mut text: &str, count: usize) -> Option<(Vec<Option<Cow<'_, str>>>, &str)> {
-    let mut fields = Vec::with_capacity(count);
+/// the line is not CSV.
+pub fn fields(mut text: &str) -> Option<(Vec<Option<Cow<'_, str>>>, &str)> {
+    let mut fields = Vec::with_capacity(USUAL_COLUMNS);
     loop {
         if let Some(mut rest) = text.strip_prefix('"') {
             let mut field = String::new();

@@ -164,8 +164,8 @@ impl Journal {
         synced.with_context(|| self.cannot("write"))
     }
 
-    /// Writes the table with its rows sorted by run, and removes the journal. `see` receives what reads a cell of each row
-    /// by the place of its column.
+    /// Writes the table with its rows sorted by run, and removes the journal. Calls `see` for each row, with a
+    /// function that reads its cell in a column.
     ///
     /// # Errors
     /// Runs are missing or appear twice with different values, or a file cannot be read or written; the
@@ -192,7 +192,7 @@ impl Journal {
                 let cannot = || format!("cannot write {}", self.output.display());
                 write!(table, "{}", table::header(&self.columns)).with_context(cannot)?;
                 for line in rows.values() {
-                    let (fields, _) = table::fields(line, self.columns.len()).unwrap_or_default();
+                    let (fields, _) = table::fields(line).unwrap_or_default();
                     see(&|place| {
                         let field = fields.get(place)?.as_deref();
                         self.columns.get(place)?.parse(field).ok().flatten()

@@ -226,36 +226,33 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// The columns of the metrics, with the names of the fields.
+    /// The columns of the metrics.
     pub fn columns() -> [Column; 9] {
-        let number = |name| Column::new(name, "", Type::Float64);
-        let optional = |name| number(name).optional();
-        [
-            number("iae"),
-            number("ise"),
-            number("itae"),
-            optional("overshoot"),
-            optional("settling_time"),
-            number("largest_u"),
-            optional("final_e"),
-            Column::new("diverged", "", Type::Boolean),
-            optional("diverged_at"),
-        ]
+        Self::default().named().map(|(name, optional, cell)| {
+            let kind = cell.map_or(Type::Float64, |value| value.of_type());
+            Column { optional, ..Column::new(name, "", kind) }
+        })
     }
 
     /// The metrics in the order of [`Summary::columns`].
     pub fn cells(&self) -> [Cell; 9] {
-        let number = |number| Some(Value::Float64(number));
+        self.named().map(|(.., cell)| cell)
+    }
+
+    /// The metrics with the names of the fields, and whether they may be missing.
+    fn named(&self) -> [(&'static str, bool, Cell); 9] {
+        let number = |name, number| (name, false, Some(Value::Float64(number)));
+        let optional = |name, number: Option<f64>| (name, true, number.map(Value::Float64));
         [
-            number(self.iae),
-            number(self.ise),
-            number(self.itae),
-            self.overshoot.and_then(number),
-            self.settling_time.and_then(number),
-            number(self.largest_u),
-            self.final_e.and_then(number),
-            Some(Value::Boolean(self.diverged)),
-            self.diverged_at.and_then(number),
+            number("iae", self.iae),
+            number("ise", self.ise),
+            number("itae", self.itae),
+            optional("overshoot", self.overshoot),
+            optional("settling_time", self.settling_time),
+            number("largest_u", self.largest_u),
+            optional("final_e", self.final_e),
+            ("diverged", false, Some(Value::Boolean(self.diverged))),
+            optional("diverged_at", self.diverged_at),
         ]
     }
 }

@@ -69,15 +69,15 @@ pub(super) fn csv(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<
     // Other programs begin with a mark, end lines with two characters, and add empty lines.
     let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
     let (titles, mut rest) =
-        fields(text.trim_end_matches('\n'), 0).context("line 1, expected names in CSV")?;
+        fields(text.trim_end_matches('\n')).context("line 1, expected names in CSV")?;
     let titles = titles.iter().map(|title| title.as_deref().unwrap_or_default());
     let mut table = Vec::from_iter(titles.map(Series::titled));
     let mut line = 1;
     while !rest.is_empty() {
         line += 1;
         let row;
-        (row, rest) = fields(rest, table.len())
-            .with_context(|| format!("line {line}, expected fields of CSV"))?;
+        (row, rest) =
+            fields(rest).with_context(|| format!("line {line}, expected fields of CSV"))?;
         let (found, expected) = (row.len(), table.len());
         ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
         for (series, field) in table.iter_mut().zip(row) {
