@@ -15,21 +15,8 @@ const MAX_SAMPLES: f64 = 1e8;
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 
 /// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
-///
-/// A model with one sample time needs no clock of its own: `#[model(sample_time = ...)]` calls its step
-/// at the instants. A clock is for models with several sample times.
-///
-/// ```
-/// use fmu_export::SampleClock;
-///
-/// let mut clock = SampleClock::new(0.0, 0.001)?;
-/// assert_eq!(clock.due(0.0, 0.001)?, 1); // the instant at 0
-/// assert_eq!(clock.due(0.001, 0.0005)?, 1); // the instant at 0.001
-/// assert_eq!(clock.due(0.0015, 0.0005)?, 0); // 0.002 belongs to the next step
-/// # Ok::<(), fmu_export::ModelError>(())
-/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct SampleClock {
+pub(crate) struct SampleClock {
     start: f64,
     ts: f64,
     /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
@@ -53,7 +40,7 @@ impl SampleClock {
     ///
     /// # Errors
     /// The sample time is not a positive number.
-    pub fn new(start: f64, ts: f64) -> Result<Self, ModelError> {
+    pub(crate) fn new(start: f64, ts: f64) -> Result<Self, ModelError> {
         let rate = 1.0 / ts;
         if !(ts > 0.0 && ts.is_finite() && rate.is_finite()) {
             return Err(ModelError::new(format_args!(
@@ -68,7 +55,7 @@ impl SampleClock {
     /// # Errors
     /// There are more than 100 million instants. The step is discarded: the clock is unchanged.
     #[inline]
-    pub fn due(&mut self, time: f64, step: f64) -> Result<u32, ModelError> {
+    pub(crate) fn due(&mut self, time: f64, step: f64) -> Result<u32, ModelError> {
         if self.is_one_due(time, step) {
             self.advance();
             return Ok(1);
@@ -92,18 +79,19 @@ impl SampleClock {
     /// The general case of [`due`](Self::due), for any number of instants.
     #[inline(never)]
     fn count(&mut self, time: f64, end: f64) -> Result<u32, ModelError> {
-        let next = match self.next {
-            BEFORE_FIRST_STEP => libm::ceil(self.samples_to(time)).max(0.0),
-            next => next,
-        };
+        let next = self.next_from(time);
         let samples = libm::ceil(end - next).max(0.0);
-        if samples > MAX_SAMPLES {
-            return Err(ModelError::discard(format_args!(
-                "the communication step contains {samples} sample instants, more than the maximum of {MAX_SAMPLES}"
-            )));
-        }
+        check_count(samples)?;
         self.next = next + samples;
         Ok(samples as u32)
+    }
+
+    /// The index of the next instant in a step from `time`.
+    fn next_from(&self, time: f64) -> f64 {
+        match self.next {
+            BEFORE_FIRST_STEP => libm::ceil(self.samples_to(time)).max(0.0),
+            next => next,
+        }
     }
 
     /// Counts the instants up to `time` (up to rounding) that were not counted before.
@@ -127,13 +115,18 @@ impl SampleClock {
     /// The next instant that is not counted.
     #[inline]
     pub(crate) fn next_instant(&self) -> f64 {
-        self.start + self.next.max(0.0) * self.ts
+        self.instant(self.next.max(0.0))
     }
 
     /// The instant that is the `count`-th from the end of those that were counted.
     #[inline]
     pub(crate) fn instant_before(&self, count: u32) -> f64 {
-        self.start + (self.next - f64::from(count)) * self.ts
+        self.instant(self.next - f64::from(count))
+    }
+
+    #[inline]
+    fn instant(&self, index: f64) -> f64 {
+        self.start + index * self.ts
     }
 
     /// The time since the start in sample times, minus the tolerance. Rounded up, it is the number of
@@ -144,9 +137,123 @@ impl SampleClock {
     }
 }
 
+/// Checks the number of instants in a step.
+fn check_count(samples: f64) -> Result<(), ModelError> {
+    match samples > MAX_SAMPLES {
+        false => Ok(()),
+        true => Err(ModelError::discard(format_args!(
+            "the communication step contains {samples} sample instants, more than the maximum of {MAX_SAMPLES}"
+        ))),
+    }
+}
+
+/// The clocks of a model with several sample times, which tick in the order of time.
+///
+/// A model with one sample time needs no clock of its own: `#[model(sample_time = ...)]` calls its step at the
+/// instants.
+///
+/// ```
+/// use fmu_export::SampleClocks;
+///
+/// let mut clocks = SampleClocks::new(0.0, &[0.002, 0.001])?;
+/// let mut ticks = Vec::new();
+/// while let Some(tick) = clocks.next_tick(0.0, 0.003)? {
+///     ticks.push((tick.time, tick.clock));
+/// }
+/// // At the same time, the clocks tick in the order in which they were given.
+/// assert_eq!(ticks, [(0.0, 0), (0.0, 1), (0.001, 1), (0.002, 0), (0.002, 1)]);
+/// # Ok::<(), fmu_export::ModelError>(())
+/// ```
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SampleClocks(Vec<SampleClock>);
+
+/// A tick of one of several [`SampleClocks`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tick {
+    /// The index of the clock.
+    pub clock: usize,
+    /// The instant (s).
+    pub time: f64,
+}
+
+impl SampleClocks {
+    /// Clocks with these sample times (s), which all tick at `start` (s) for the first time.
+    ///
+    /// # Errors
+    /// A sample time is not a positive number.
+    pub fn new(start: f64, sample_times: &[f64]) -> Result<Self, ModelError> {
+        let clocks = sample_times.iter().map(|ts| SampleClock::new(start, *ts));
+        clocks.collect::<Result<_, _>>().map(Self)
+    }
+
+    /// The next tick in `[time, time + step)` (up to rounding), each once. At the same time, up to rounding, the
+    /// clocks tick in the order in which they were given.
+    ///
+    /// # Errors
+    /// There are no clocks, or more than 100 million ticks are left. The step is discarded: the clocks are unchanged.
+    pub fn next_tick(&mut self, time: f64, step: f64) -> Result<Option<Tick>, ModelError> {
+        if self.0.is_empty() {
+            return Err(ModelError::new("the clocks are not set; expected sample times"));
+        }
+        let (mut ticks, mut fastest, mut first) = (0.0, f64::INFINITY, f64::INFINITY);
+        let end = time + step;
+        let due = |clock: &SampleClock| clock.next_from(time) < clock.samples_to(end);
+        for clock in &self.0 {
+            ticks += libm::ceil(clock.samples_to(end) - clock.next_from(time)).max(0.0);
+            fastest = fastest.min(clock.ts);
+            if due(clock) {
+                first = first.min(clock.instant(clock.next_from(time)));
+            }
+        }
+        check_count(ticks)?;
+        let same = first + TOLERANCE * fastest + 4.0 * f64::EPSILON * first.abs();
+        for (index, clock) in self.0.iter_mut().enumerate() {
+            let next = clock.next_from(time);
+            let instant = clock.instant(next);
+            if due(clock) && instant <= same {
+                clock.next = next + 1.0;
+                return Ok(Some(Tick { clock: index, time: instant }));
+            }
+        }
+        Ok(None)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn clocks_tick_in_the_order_of_time_for_any_step() {
+        // Sample times that are no binary fractions meet at the same times up to rounding.
+        let sample_times = [0.1, 0.03, 0.01];
+        for (start, steps) in [(0.0, 1), (0.0, 3), (0.0, 7), (0.0, 600), (1e6, 7), (-3.0, 60)] {
+            let mut clocks = SampleClocks::new(start, &sample_times).unwrap();
+            let mut ticks = Vec::new();
+            for k in 0..steps {
+                let [from, to] = [k, k + 1].map(|k| start + 6.0 * f64::from(k) / f64::from(steps));
+                while let Some(tick) = clocks.next_tick(from, to - from).unwrap() {
+                    ticks.push((libm::round((tick.time - start) * 1000.0) as i32, tick.clock));
+                }
+            }
+            let expected = (0..6000).flat_map(|ms| {
+                let clocks = [100, 30, 10].into_iter().enumerate();
+                clocks.filter_map(move |(clock, ts)| (ms % ts == 0).then_some((ms, clock)))
+            });
+            assert!(ticks.iter().copied().eq(expected), "{start}, {steps} steps");
+        }
+    }
+
+    #[test]
+    fn clocks_that_are_not_set_or_tick_too_often_are_refused_and_unchanged() {
+        assert!(SampleClocks::default().next_tick(0.0, 1.0).is_err());
+        assert!(SampleClocks::new(0.0, &[]).unwrap().next_tick(0.0, 1.0).is_err());
+        assert!(SampleClocks::new(0.0, &[0.1, 0.0]).is_err());
+        let mut clocks = SampleClocks::new(0.0, &[1.0, 1e-9]).unwrap();
+        let before = clocks.clone();
+        assert!(clocks.next_tick(0.0, 1.0).is_err());
+        assert_eq!(clocks, before);
+    }
 
     #[test]
     fn a_late_start_drift_and_jitter_neither_lose_nor_repeat_a_sample() {

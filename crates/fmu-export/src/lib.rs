@@ -49,7 +49,7 @@
 //! | refuse, discard or end a step | [`ModelError`] |
 //! | write messages to the host's logger | [`Log`] |
 //! | test a model without a host | [`testing::Driver`] |
-//! | have several sample times | [`SampleClock`] |
+//! | have several sample times | [`SampleClocks`] |
 //!
 //! # How it works
 //!
@@ -88,7 +88,7 @@ mod stepping;
 pub mod testing;
 mod values;
 
-pub use clock::SampleClock;
+pub use clock::{SampleClocks, Tick};
 #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
 pub use edge::fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
