@@ -113,7 +113,7 @@ macro_rules! fmi3_functions {
                 stop: f64
             ) => enter_initialization_mode in INSTANTIATED;
             fmi3ExitInitializationMode() => exit_initialization_mode in INITIALIZATION;
-            fmi3EnterEventMode() => enter_event_mode in STEP_MODE | CONTINUOUS_TIME;
+            fmi3EnterEventMode() => enter_event_mode in STEP_MODE | EVENT | CONTINUOUS_TIME;
             fmi3Terminate() => terminate in RUNNING | RECONFIGURATION;
             fmi3Reset() => reset in ALIVE;
             fmi3EnterConfigurationMode() => enter_configuration_mode in INSTANTIATED | STEP_MODE | EVENT;

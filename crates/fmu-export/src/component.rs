@@ -146,6 +146,8 @@ pub(crate) struct Shared {
     pub(crate) starts: Option<Box<dyn AnyModel>>,
     /// Whether the host sees what happens in a step, which is then taken in parts.
     pub(crate) is_stepped_in_parts: bool,
+    /// The deviations from the standard of which the host was warned.
+    warned: Vec<&'static str>,
     /// The texts and the binary values that the last call returned, which live until the next one.
     pub(crate) texts: Vec<CString>,
     pub(crate) binaries: Vec<Vec<u8>>,
@@ -198,6 +200,7 @@ impl<M: AnyModel> Component<M> {
                 guid,
                 variant,
                 starts: None,
+                warned: Vec::new(),
                 texts: Vec::new(),
                 binaries: Vec::new(),
                 workspace,
@@ -361,7 +364,22 @@ impl Component {
         Ok(())
     }
 
+    /// Accepts a call that the standard does not allow but importers make, with one warning.
+    fn warn_once(&mut self, deviation: &'static str) {
+        let Shared { warned, settings, .. } = &mut self.shared;
+        if !warned.contains(&deviation) {
+            warned.push(deviation);
+            let message = format_args!("{deviation}, which the standard does not allow");
+            settings.log.send(Category::Warning, message);
+        }
+    }
+
     pub(crate) fn enter_event_mode(&mut self) -> Result<(), ModelError> {
+        if self.shared.lifecycle.state == State::Event {
+            // As OpenModelica does right after the initialization.
+            self.warn_once("event mode is entered in event mode");
+            return Ok(());
+        }
         let lifecycle = &mut self.shared.lifecycle;
         // In step mode, nothing is computed for event mode.
         lifecycle.stale |= lifecycle.state == State::StepMode;
@@ -431,8 +449,7 @@ impl Component {
             return refused!("a state is {value}; expected finite numbers");
         }
         if self.shared.lifecycle.state == State::Event {
-            let message = "states are set in event mode, which the standard does not allow";
-            (self.shared.settings.log).send(Category::Warning, format_args!("{message}"));
+            self.warn_once("states are set in event mode");
         }
         self.model.set_states(states);
         self.shared.lifecycle.stale = true;

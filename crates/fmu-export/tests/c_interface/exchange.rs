@@ -147,9 +147,20 @@ fn what_openmodelica_does_after_the_initialization_is_accepted() {
     for kind in EXCHANGED {
         let it = Instance::of(kind, BALL);
         it.start(0.0, None);
+        for _ in 0..2 {
+            ok([it.enter_event_mode(), it.enter_event_mode()]);
+            it.says("event mode is entered in event mode");
+            it.update();
+            it.go_on();
+        }
+        ok([it.enter_event_mode()]);
+        assert_eq!(it.messages().len(), 1, "once");
         if kind.0 == Fmi2 {
-            assert_eq!(it.set_states(&[2.0, -1.0]), OK);
-            it.says("states are set in event mode");
+            for _ in 0..2 {
+                assert_eq!(it.set_states(&[2.0, -1.0]), OK);
+                it.says("states are set in event mode");
+            }
+            assert_eq!(it.messages().len(), 2, "once");
             assert_eq!(it.get([Ball::H, Ball::V, Ball::H_DOT]), [2.0, -1.0, -1.0]);
         } else {
             it.refuses("is not allowed in the state", |f| f.set_states(&[2.0, -1.0]));

@@ -70,7 +70,7 @@ const TABLE: &[(&str, &str, &str, usize)] = &[
     ("set_uint64", "-", "INESGRV", 0),
     ("get_directional_derivative", COMPUTED, COMPUTED, 0),
     ("get_adjoint_derivative", "-", COMPUTED, 0),
-    ("enter_event_mode", "mEC", "eSC", 0),
+    ("enter_event_mode", "mEC", "eSEC", 0),
     ("update_discrete_states", "mE", "E", 0),
     ("enter_continuous_time_mode", "mE", "mE", 0),
     ("completed_integrator_step", "mC", "mC", 0),
