@@ -7,14 +7,17 @@ pub const fn checksum(bytes: &[u8]) -> u128 {
 
 /// FNV-1a, 128 bits.
 #[derive(Clone, Copy)]
-pub(crate) struct Hash(pub(crate) u128);
+pub struct Hash(pub u128);
 
 impl Hash {
-    pub(crate) const fn new() -> Self {
+    /// The hash of nothing.
+    #[allow(clippy::new_without_default, reason = "a constant function, which a trait cannot have")]
+    pub const fn new() -> Self {
         Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
     }
 
-    pub(crate) const fn bytes(mut self, bytes: &[u8]) -> Self {
+    /// With more bytes.
+    pub const fn bytes(mut self, bytes: &[u8]) -> Self {
         let mut i = 0;
         while i < bytes.len() {
             let mixed = self.0 ^ bytes[i] as u128;

@@ -1,7 +1,7 @@
 //! The integration of equations over communication steps, with error control and the location of events.
 //!
-//! It remembers nothing between steps, so that a saved state is the state of the model alone. All memory is in
-//! a [`Workspace`].
+//! It remembers nothing between steps but what [`Advanced`] returns, so that a state is saved with a few numbers. All
+//! memory is in a [`Workspace`].
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -9,14 +9,16 @@ use core::fmt::Arguments;
 
 use crate::{ERROR, MAX_SHRINKAGE, NODES, STAGES, WEIGHTS, factor, interpolate, weighted};
 
-/// Maximum number of internal steps in one communication step; more would take seconds to compute.
+/// Maximum number of internal steps between two events; more would take seconds to compute.
 const MAX_STEPS: u32 = 100_000;
-/// Maximum number of events in one communication step; more are chattering.
-pub const MAX_EVENTS: u32 = 1000;
+/// So many events take at least [`MIN_PROGRESS`] of the communication step, or they are chattering.
+const MAX_EVENTS: u32 = 1000;
+const MIN_PROGRESS: f64 = 1e-4;
 /// Smallest relative tolerance that is kept, above rounding errors.
 const MIN_TOLERANCE: f64 = 1e-12;
-/// Size of the first internal step after an event, in units of the resolution of its time: so short that an
-/// indicator is seen to return to its former sign, or to leave zero, before it changes again.
+/// Size of the first internal step after an event that leaves an indicator close to zero, in units of the resolution
+/// of its time: so short that the indicator is seen to return to its former sign, or to leave zero, before it changes
+/// again.
 const RESTART: f64 = 1e4;
 
 /// An error of a system, or of the integration.
@@ -48,8 +50,8 @@ pub trait System {
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, Self::Error>;
     /// Reads the derivatives of the states.
     fn derivatives(&mut self, derivatives: &mut [f64]);
-    /// Whether an event indicator is positive.
-    fn is_positive(&mut self, indicator: usize) -> bool;
+    /// The value of an event indicator when the system was last evaluated.
+    fn event_indicator(&mut self, indicator: usize) -> f64;
     /// The error that names what is not finite.
     fn not_finite(&mut self) -> Self::Error;
     /// Called at the end of each internal step, where the system is evaluated. Returns whether an event is to
@@ -84,6 +86,11 @@ pub struct Step {
     pub events: Events,
     /// The time until which events are handled (s).
     pub handled: f64,
+    /// The time of an event with which it begins (s). Without, it begins with an event if the system has an event
+    /// indicator of another sign than when it was last evaluated: new inputs have caused an event.
+    pub event: Option<f64>,
+    /// Whether the step before ended with an event that left an indicator close to zero.
+    pub restarts: bool,
 }
 
 /// Who handles the events in a step.
@@ -106,6 +113,8 @@ pub struct Advanced {
     pub handled: f64,
     /// Whether there is a state event for the caller.
     pub has_event: bool,
+    /// Whether it ended with an event that left an indicator close to zero.
+    pub restarts: bool,
 }
 
 /// The memory for a step.
@@ -115,11 +124,11 @@ pub struct Workspace {
     states: Vec<f64>,
     /// The states at its end.
     next: Vec<f64>,
-    /// The states at another point.
+    /// The states at another point, or before an event.
     point: Vec<f64>,
     /// Derivatives at the stages of an internal step: the first at its start, the last at its end.
     slopes: [Vec<f64>; STAGES],
-    /// Whether each event indicator is positive at the start of an internal step.
+    /// Whether each event indicator is positive at the start of an internal step, or before an event.
     signs: Vec<bool>,
 }
 
@@ -149,13 +158,14 @@ pub fn advance<E: Failure>(
     step: &Step,
 ) -> Result<Advanced, E> {
     let mut run = Run::new(system, workspace, step);
-    run.start()?;
+    run.begin()?;
     while let Some((end, event)) = run.next_event() {
         run.integrate(end)?;
-        run.event(event)?;
+        run.event(event, Cause::Time)?;
     }
     run.integrate(step.size)?;
-    Ok(Advanced { reached: run.reached, handled: run.handled, has_event: run.has_event })
+    let Run { reached, handled, has_event, restarts, .. } = run;
+    Ok(Advanced { reached, handled, has_event, restarts })
 }
 
 /// A step that is being taken. Times are relative to its start, unless they are called absolute.
@@ -166,12 +176,30 @@ struct Run<'a, E> {
     reached: f64,
     /// Size of the next internal step; 0 if it is to be estimated.
     size: f64,
+    /// Number of internal steps since the last event.
     steps: u32,
+    /// Number of events since a time.
     events: u32,
+    counted_from: f64,
     /// The absolute time until which events are handled.
     handled: f64,
     /// Whether there is a state event for the caller.
     has_event: bool,
+    /// Whether the last event has left an indicator close to zero, and no internal step was taken since.
+    restarts: bool,
+}
+
+/// What causes an event.
+#[derive(Clone, Copy, PartialEq)]
+enum Cause {
+    /// The caller, at the beginning of the step.
+    Inputs,
+    /// The time is reached.
+    Time,
+    /// An event indicator has changed its sign.
+    State,
+    /// The system, at the end of an internal step.
+    Step,
 }
 
 /// The outcome of an internal step.
@@ -184,8 +212,19 @@ enum Trial<E> {
 
 impl<'a, E: Failure> Run<'a, E> {
     fn new(system: &'a mut dyn System<Error = E>, w: &'a mut Workspace, step: &'a Step) -> Self {
-        let (reached, size, handled) = (0.0, 0.0, step.handled);
-        Self { system, w, step, reached, size, steps: 0, events: 0, handled, has_event: false }
+        Self {
+            system,
+            w,
+            step,
+            reached: 0.0,
+            size: 0.0,
+            steps: 0,
+            events: 0,
+            counted_from: 0.0,
+            handled: step.handled,
+            has_event: false,
+            restarts: step.restarts,
+        }
     }
 
     /// The absolute time.
@@ -193,8 +232,26 @@ impl<'a, E: Failure> Run<'a, E> {
         self.step.time + self.reached
     }
 
+    /// Begins the step, with an event if the caller or new inputs have caused one.
+    fn begin(&mut self) -> Result<(), E> {
+        // The indicators have the values of the last evaluation, at the end of the step before.
+        self.keep_signs();
+        if let Some(time) = self.step.event {
+            return self.event(time, Cause::Inputs);
+        }
+        self.evaluate_here()?;
+        let has_crossed = self.has_crossed();
+        self.keep_signs();
+        if has_crossed && self.step.events == Events::Here {
+            return self.event(self.now(), Cause::Inputs);
+        }
+        self.has_event = has_crossed;
+        self.shorten_first_step();
+        Ok(())
+    }
+
     /// Evaluates the equations at the current time and states, which an event may have changed.
-    fn start(&mut self) -> Result<(), E> {
+    fn evaluate_here(&mut self) -> Result<(), E> {
         self.system.states(&mut self.w.states)?;
         let evaluated = self.system.evaluate(self.now(), &self.w.states);
         if !evaluated.map_err(|error| self.stopped(error))? {
@@ -202,25 +259,32 @@ impl<'a, E: Failure> Run<'a, E> {
             return Err(self.stopped(error));
         }
         self.system.derivatives(&mut self.w.slopes[0]);
-        self.keep_signs();
-        let follows_event = self.handled >= self.now() - self.rounding();
-        self.size = match follows_event && !self.w.signs.is_empty() {
-            true => RESTART * (1e-12 * self.step.longest).max(self.resolution()),
-            false => 0.0,
-        };
         Ok(())
+    }
+
+    /// Makes the next internal step short if an indicator is close to zero.
+    fn shorten_first_step(&mut self) {
+        if self.restarts && !self.w.signs.is_empty() {
+            let longest = self.step.longest.min(self.step.size);
+            self.size = RESTART * (1e-12 * longest).max(self.resolution());
+        }
     }
 
     fn keep_signs(&mut self) {
         for (indicator, sign) in self.w.signs.iter_mut().enumerate() {
-            *sign = self.system.is_positive(indicator);
+            *sign = self.system.event_indicator(indicator) > 0.0;
         }
     }
 
     /// Whether an event indicator has another sign than at the start of the internal step.
     fn has_crossed(&mut self) -> bool {
         let mut signs = self.w.signs.iter().enumerate();
-        signs.any(|(indicator, sign)| self.system.is_positive(indicator) != *sign)
+        signs.any(|(indicator, sign)| (self.system.event_indicator(indicator) > 0.0) != *sign)
+    }
+
+    /// Whether an event indicator is zero, which it may leave to either side.
+    fn is_at_zero(&mut self) -> bool {
+        (0..self.w.signs.len()).any(|indicator| self.system.event_indicator(indicator) == 0.0)
     }
 
     /// The next time event in the step: where to integrate to, and its absolute time. One at the end of
@@ -284,7 +348,7 @@ impl<'a, E: Failure> Run<'a, E> {
                     self.size = h * factor(error);
                     self.accept(to);
                     return match self.system.completed(self.now())? {
-                        true => self.event(self.now()),
+                        true => self.event(self.now(), Cause::Step),
                         false => Ok(()),
                     };
                 }
@@ -322,6 +386,7 @@ impl<'a, E: Failure> Run<'a, E> {
         core::mem::swap(&mut self.w.states, &mut self.w.next);
         self.w.slopes.swap(0, 6);
         self.keep_signs();
+        self.restarts = false;
     }
 
     /// Locates the first change of an indicator's sign in an internal step, by bisection, and handles the
@@ -342,10 +407,10 @@ impl<'a, E: Failure> Run<'a, E> {
         self.reached = if after == 1.0 { to } else { self.reached + after * h };
         self.system.completed(self.now())?;
         if self.step.events == Events::EndStep {
-            self.has_event = true;
+            (self.has_event, self.restarts) = (true, true);
             return Ok(None);
         }
-        self.event(self.now())?;
+        self.event(self.now(), Cause::State)?;
         Ok(None)
     }
 
@@ -376,16 +441,45 @@ impl<'a, E: Failure> Run<'a, E> {
     }
 
     /// Handles an event at an absolute time.
-    fn event(&mut self, time: f64) -> Result<(), E> {
-        self.events += 1;
-        if self.events > MAX_EVENTS {
-            return Err(self.stopped(too_many_events()));
-        }
+    fn event(&mut self, time: f64, cause: Cause) -> Result<(), E> {
+        self.count_event()?;
         let handled = self.system.event(time);
         handled
             .map_err(|error| error.with_prefix(format_args!("in the event at t = {time:?} s")))?;
         self.handled = self.handled.max(time);
-        self.start()
+        // The states before the event, and their derivatives, if the equations were evaluated there.
+        core::mem::swap(&mut self.w.states, &mut self.w.point);
+        self.w.slopes.swap(0, 1);
+        self.evaluate_here()?;
+        let has_crossed = self.has_crossed();
+        self.keep_signs();
+        let is_continued = matches!(cause, Cause::Time | Cause::Step) && !has_crossed;
+        if is_continued && self.w.states == self.w.point && self.w.slopes[0] == self.w.slopes[1] {
+            return Ok(()); // nothing has changed for the solver
+        }
+        self.size = 0.0;
+        self.restarts = match cause {
+            Cause::State => true,
+            Cause::Step => has_crossed,
+            Cause::Inputs | Cause::Time => has_crossed || self.is_at_zero(),
+        };
+        self.shorten_first_step();
+        Ok(())
+    }
+
+    /// Counts an event, and discards the step if events follow each other without end.
+    fn count_event(&mut self) -> Result<(), E> {
+        (self.steps, self.events) = (0, self.events + 1);
+        if self.events > MAX_EVENTS {
+            let progress = self.reached - self.counted_from;
+            if progress < MIN_PROGRESS * self.step.size {
+                return Err(self.discard(format_args!(
+                    "there are more than {MAX_EVENTS} events within {progress:.1e} s"
+                )));
+            }
+            (self.events, self.counted_from) = (1, self.reached);
+        }
+        Ok(())
     }
 
     /// Takes the stages of an internal step of size `h` that ends at `to`.
@@ -476,12 +570,6 @@ impl<'a, E: Failure> Run<'a, E> {
     }
 }
 
-/// The error of a step with more than [`MAX_EVENTS`] events.
-#[cold]
-pub fn too_many_events<E: Failure>() -> E {
-    E::discard(format_args!("there are more than {MAX_EVENTS} events in the communication step"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -542,8 +630,8 @@ mod tests {
             derivatives.copy_from_slice(&self.slopes);
         }
 
-        fn is_positive(&mut self, indicator: usize) -> bool {
-            (self.indicators)(&self.states)[indicator] > 0.0
+        fn event_indicator(&mut self, indicator: usize) -> f64 {
+            (self.indicators)(&self.states)[indicator]
         }
 
         fn not_finite(&mut self) -> Reason {
@@ -587,6 +675,8 @@ mod tests {
         longest: 0.1,
         events: Events::Here,
         handled: f64::NEG_INFINITY,
+        event: None,
+        restarts: false,
     };
 
     /// Takes steps of this size until `end`. Returns the states at the end.
@@ -600,7 +690,8 @@ mod tests {
         let mut workspace = Workspace::new(N, indicators);
         let mut step = Step { size, tolerance, ..STEP };
         while step.time < end - 1e-9 {
-            step.handled = advance(system, &mut workspace, &step)?.handled;
+            let advanced = advance(system, &mut workspace, &step)?;
+            (step.handled, step.restarts) = (advanced.handled, advanced.restarts);
             step.time += size; // with rounding errors that add up
         }
         Ok(system.states)
@@ -640,7 +731,7 @@ mod tests {
             let (mut oscillator, mut w) = (oscillator(), Workspace::new(2, 0));
             let step = Step { size: h, tolerance: 1.0, ..STEP };
             let mut run = Run { size: h, ..Run::new(&mut oscillator, &mut w, &step) };
-            run.start().unwrap();
+            run.begin().unwrap();
             run.try_step(h, h).ok().unwrap();
             let [start, within, end] = [0.0, 0.3, 1.0].map(|fraction| {
                 run.interpolate(fraction, h);

@@ -75,6 +75,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         is_integrated: M::IS_INTEGRATED,
         step: M::DEFAULT_EXPERIMENT.1,
         tolerance: M::TOLERANCE,
+        has_switches: Self::TABLES.has_switches,
         has_directional_derivatives: M::IS_CONTINUOUS
             && matches!(Self::TABLES.directional_derivatives, (true, false)),
         structural_parameters: Self::TABLES.structural_parameters,
@@ -526,6 +527,21 @@ impl dyn AnyModel {
         }
     }
 
+    /// Evaluates the equations for an event, which can read event indicators and derivatives for the current inputs. An
+    /// event may mend what cannot be evaluated; if it does not, the next evaluation fails.
+    pub(crate) fn evaluate_before_event(&mut self, time: f64) {
+        let _ = self.behavior_mut().on_evaluate(time);
+    }
+
+    /// A hash of the variables that cause an event by a new value; 0 if there are none.
+    pub(crate) fn hash_of_switches(&mut self) -> u128 {
+        match self.facts().has_switches {
+            // SAFETY: the rows are those of the model.
+            true => unsafe { layout::hash_of_switches(self.memory(), self.facts().rows) },
+            false => 0,
+        }
+    }
+
     /// The current states.
     pub(crate) fn states(&mut self) -> Vec<f64> {
         let mut states = vec![0.0; self.length(Numbers::States)];
@@ -610,8 +626,8 @@ impl solver::System for Equations<'_> {
         self.0.read(Numbers::Derivatives, derivatives);
     }
 
-    fn is_positive(&mut self, indicator: usize) -> bool {
-        self.0.event_indicator(indicator) > 0.0
+    fn event_indicator(&mut self, indicator: usize) -> f64 {
+        self.0.event_indicator(indicator)
     }
 
     fn not_finite(&mut self) -> ModelError {

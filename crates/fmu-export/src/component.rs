@@ -7,7 +7,7 @@ use std::ffi::{CStr, CString, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
-use dormand_prince::solver::{self, Advanced, Events, MAX_EVENTS, Workspace};
+use dormand_prince::solver::{self, Advanced, Events, Workspace};
 use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
 use fmu_description::hash::checksum;
@@ -160,7 +160,9 @@ pub(crate) struct Shared {
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: u32 = 10;
+const VERSION: u32 = 11;
+/// Maximum number of time events in one communication step of event mode; more would take seconds to handle.
+const MAX_EVENTS: u32 = 10_000_000;
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
 
@@ -482,6 +484,9 @@ impl Component {
     pub(crate) fn handle_events(&mut self) -> Result<Update, ModelError> {
         let Lifecycle { mode, time, .. } = self.shared.lifecycle;
         let (facts, before) = (self.model.facts(), self.model.states());
+        if self.shared.lifecycle.stale {
+            self.model.evaluate_before_event(time);
+        }
         self.shared.lifecycle.stale = true;
         if facts.is_sampled {
             self.take_due_samples(time)?;
@@ -491,7 +496,9 @@ impl Component {
         } else {
             self.handle_past_events(time)?;
         }
-        Ok(Update { states_changed: self.model.states() != before, next_event: self.next_event() })
+        let states_changed = self.model.states() != before;
+        self.shared.lifecycle.integration.restarts |= states_changed;
+        Ok(Update { states_changed, next_event: self.next_event() })
     }
 
     fn take_due_samples(&mut self, time: f64) -> Result<(), ModelError> {
@@ -645,20 +652,34 @@ impl Component {
         events: Events,
     ) -> Result<Advanced, ModelError> {
         let (model, shared) = (&mut self.model, &mut self.shared);
-        let Integration { tolerance, handled } = shared.lifecycle.integration;
+        let integration = &mut shared.lifecycle.integration;
         let before = shared.before.get_or_insert_with(|| model.copy());
         before.assign(model);
+        // In event mode, the host handles the events that its values cause.
+        let switches = match events {
+            Events::Here => model.hash_of_switches(),
+            Events::EndStep | Events::Wait => integration.switches,
+        };
+        let event = (switches != integration.switches).then_some(time);
+        if event.is_some() {
+            model.evaluate_before_event(time);
+        }
         let step = solver::Step {
             time,
             size,
-            tolerance,
+            tolerance: integration.tolerance,
             longest: model.facts().step.max(1e-3 * size),
             events,
-            handled,
+            handled: integration.handled,
+            event,
+            restarts: integration.restarts,
         };
         let advanced = model.advance(&mut shared.workspace, &step);
         match &advanced {
-            Ok(advanced) => shared.lifecycle.integration.handled = advanced.handled,
+            Ok(Advanced { handled, restarts, .. }) => {
+                (integration.handled, integration.restarts) = (*handled, *restarts);
+                integration.switches = switches;
+            }
             Err(_) => _ = model.assign(before.as_ref()),
         }
         advanced
@@ -850,7 +871,9 @@ impl Component {
             integration.tolerance = tolerance(lifecycle.tolerance, facts.tolerance)?;
             // Without event mode, the instance handles the event at the start itself.
             if !is_eventful {
+                model.evaluate_before_event(start.time);
                 model.behavior_mut().on_event(start.time)?;
+                integration.switches = model.hash_of_switches();
             }
         }
         if facts.is_continuous {

@@ -1,6 +1,7 @@
 //! Where the variables of a model are: tables by value reference, computed by the compiler, and access to the
 //! memory that the rows describe.
 
+use fmu_description::hash::Hash;
 use fmu_description::table::{self, Bounds, Field, Row, Scalar, Start as Values};
 use fmu_description::{Causality, Dynamics, Value, Variability};
 
@@ -108,6 +109,8 @@ pub(crate) struct Tables<const N: usize> {
     pub(crate) event_indicators: List<usize, N>,
     /// Whether the host may set the time derivative of any input.
     pub(crate) has_input_derivatives: bool,
+    /// Whether any variable causes an event by a new value.
+    pub(crate) has_switches: bool,
     /// Whether there is a state derivative or a continuous output that is no state, and whether the derivatives
     /// of any of them with respect to others are not known.
     pub(crate) directional_derivatives: (bool, bool),
@@ -131,6 +134,7 @@ impl<const N: usize> Tables<N> {
             }),
             event_indicators: List::new(0),
             has_input_derivatives: false,
+            has_switches: false,
             directional_derivatives: (false, false),
             structural_parameters: (false, false),
         };
@@ -186,6 +190,7 @@ impl<const N: usize> Tables<N> {
             _ => {}
         }
         self.has_input_derivatives |= variable.has_input_derivative;
+        self.has_switches |= is_switch(variable);
         let is_output = matches!(variable.causality, Causality::Output)
             && matches!(variable.variability, Variability::Continuous);
         if matches!(variable.dynamics, Dynamics::Derivative { .. })
@@ -198,6 +203,17 @@ impl<const N: usize> Tables<N> {
             self.structural_parameters.0 = true;
             self.structural_parameters.1 |= matches!(variable.variability, Variability::Tunable);
         }
+    }
+}
+
+/// Whether a new value of a variable is an event: of a discrete input or a tunable parameter.
+const fn is_switch(field: &Field) -> bool {
+    match field.causality {
+        Causality::Input => !matches!(field.variability, Variability::Continuous),
+        Causality::Parameter | Causality::StructuralParameter => {
+            matches!(field.variability, Variability::Tunable)
+        }
+        _ => false,
     }
 }
 
@@ -219,6 +235,8 @@ pub(crate) struct Facts {
     /// The step size of the default experiment (s), and the relative tolerance.
     pub(crate) step: f64,
     pub(crate) tolerance: f64,
+    /// Whether any variable causes an event by a new value.
+    pub(crate) has_switches: bool,
     pub(crate) has_directional_derivatives: bool,
     pub(crate) has_log: bool,
     /// Whether its state cannot be saved.
@@ -254,6 +272,56 @@ pub(crate) unsafe fn copy_fields(
             unsafe { copy(to.byte_add(offset), from.byte_add(offset), field) };
         }
     });
+}
+
+/// A hash of the variables that cause an event by a new value. It is one number of a fixed size, which is saved with
+/// the state of an instance more easily than the values.
+///
+/// # Safety
+/// At the place is a struct with these rows, which is borrowed mutably.
+pub(crate) unsafe fn hash_of_switches(model: *mut u8, rows: &'static [Row]) -> u128 {
+    let mut hash = Hash::new();
+    table::each_field(rows, 0, &mut |field, offset| {
+        if is_switch(field) {
+            // SAFETY: as for start values.
+            hash = unsafe { add(hash, model.byte_add(offset), field) };
+        }
+    });
+    hash.0
+}
+
+/// A value that is added to a hash.
+trait Hashed {
+    fn add_to(&self, hash: Hash) -> Hash;
+}
+
+macro_rules! hashed_numbers {
+    ($($type:ty),*) => {
+        $(impl Hashed for $type {
+            fn add_to(&self, hash: Hash) -> Hash {
+                hash.bytes(&self.to_le_bytes())
+            }
+        })*
+    };
+}
+hashed_numbers!(f32, f64, i8, u8, i16, u16, i32, u32, i64, u64);
+
+impl Hashed for bool {
+    fn add_to(&self, hash: Hash) -> Hash {
+        u8::from(*self).add_to(hash)
+    }
+}
+
+impl Hashed for Vec<u8> {
+    fn add_to(&self, hash: Hash) -> Hash {
+        (self.len() as u64).add_to(hash).bytes(self)
+    }
+}
+
+impl Hashed for String {
+    fn add_to(&self, hash: Hash) -> Hash {
+        (self.len() as u64).add_to(hash).bytes(self.as_bytes())
+    }
 }
 
 macro_rules! access {
@@ -306,6 +374,26 @@ macro_rules! access {
                     },
                 }
             }
+        }
+
+        /// Adds the elements of a field to a hash.
+        ///
+        /// # Safety
+        /// As [`start`].
+        unsafe fn add(mut hash: Hash, place: *mut u8, field: &Field) -> Hash {
+            let elements = 0..field.count();
+            // SAFETY: the caller's promise.
+            unsafe {
+                match field.start {
+                    $($(Values::$name(_) => for i in elements {
+                        hash = (*place.cast::<$type>().add(i)).add_to(hash);
+                    },)*)*
+                    Values::Enumeration(_, of) => for i in elements {
+                        hash = (*(of.item)(place.byte_add(i * of.size))).get().add_to(hash);
+                    },
+                }
+            }
+            hash
         }
 
         /// Copies the elements of a field.

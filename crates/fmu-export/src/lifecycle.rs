@@ -93,11 +93,16 @@ pub(crate) struct Integration {
     pub(crate) tolerance: f64,
     /// The time until which events are handled (s).
     pub(crate) handled: f64,
+    /// Whether the last event has left an event indicator close to zero, and nothing was integrated since.
+    pub(crate) restarts: bool,
+    /// The hash of the variables that cause an event by a new value, when events were last handled.
+    pub(crate) switches: u128,
 }
 
 impl Integration {
     /// That of a model which is not integrated.
-    pub(crate) const NONE: Self = Self { tolerance: 0.0, handled: 0.0 };
+    pub(crate) const NONE: Self =
+        Self { tolerance: 0.0, handled: 0.0, restarts: false, switches: 0 };
 }
 
 impl Lifecycle {

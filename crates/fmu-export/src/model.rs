@@ -132,7 +132,7 @@ pub trait Simulate: Model + Stepped {
 /// `#[derivative(of = ...)]`. In model exchange, the host integrates the states. In co-simulation, the
 /// layer does, by a Runge-Kutta method of order 5 with error control, which finds events within a step and
 /// keeps inputs constant; or the function in `#[model(continuous, step = Self::step)]`, which also handles
-/// the events within a step.
+/// the events within a step, and at its beginning those that inputs cause.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is continuous but has no equations",
     note = "write `impl Continuous` for it, with a function `evaluate`"
@@ -164,8 +164,10 @@ pub trait Continuous: Model {
     /// [`discard`](ModelError::discard), or if a result is NaN or infinite.
     fn evaluate(&mut self, time: f64) -> Result<(), ModelError>;
 
-    /// Handles an event at `time` (s): the start, a [`next_event`](Self::next_event), or a sign change of
-    /// an event indicator. It may change states.
+    /// Handles an event at `time` (s): the start, a [`next_event`](Self::next_event), a sign change of an event
+    /// indicator, or a new value of a discrete input or a tunable parameter. It may change states.
+    ///
+    /// [`evaluate`](Self::evaluate) was called for this time and these inputs before; it may have failed.
     ///
     /// # Errors
     /// The event cannot be handled.

@@ -8,7 +8,7 @@
 use std::fmt::Arguments;
 use std::sync::LazyLock;
 
-use dormand_prince::solver::{self, Events, MAX_EVENTS, Step, System, Workspace, too_many_events};
+use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
 use fmu_description::{FmiVersion, Variability};
 use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
@@ -17,6 +17,8 @@ use crate::input::Signals;
 use crate::wiring::{Ports, accessor};
 use crate::{Fmu, Messages};
 
+/// Maximum number of times that discrete states are updated in one event.
+const MAX_UPDATES: u32 = 1000;
 /// The relative tolerance, unless it is known.
 const TOLERANCE: f64 = 1e-6;
 
@@ -32,13 +34,16 @@ pub(crate) struct Exchange<'a> {
     indicators: Vec<f64>,
     signals: Option<Signals<'a>>,
     /// Whether an input comes from another component, and whether one is not continuous.
-    pub(crate) is_fed: bool,
+    is_fed: bool,
     is_discrete: bool,
+    is_in_event_mode: bool,
     /// The next time event, the time until which events are handled, and the time from which they are left to
     /// the next step (s).
     next: Option<f64>,
     handled: f64,
     left: f64,
+    /// Whether the last event has left an event indicator close to zero, and nothing was integrated since.
+    restarts: bool,
 }
 
 /// The instance of a component, whose calls are recorded.
@@ -208,23 +213,28 @@ impl<'a> Exchange<'a> {
             signals,
             is_fed: ports.iter().any(|p| p.sources.iter().any(|s| s.component.is_some())),
             is_discrete: inputs().any(is_discrete),
+            is_in_event_mode: true,
             next: None,
             handled: start,
             left: f64::INFINITY,
+            restarts: false,
         };
         exchange.update(calling, start)?;
         exchange.read_nominals(calling)?;
         exchange.signals.iter_mut().for_each(|signals| signals.begin(start));
         Equations { calling, exchange: &mut exchange }.evaluate_here(start)?;
         if exchange.is_discrete {
-            calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+            exchange.enter_event_mode(calling)?;
         }
         Ok(exchange)
     }
 
-    /// Whether an input has values of another component or of a table.
-    fn has_inputs(&self) -> bool {
-        self.is_fed || self.signals.is_some()
+    fn enter_event_mode(&mut self, calling: &mut Calling) -> Result {
+        if !self.is_in_event_mode {
+            calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+            self.is_in_event_mode = true;
+        }
+        Ok(())
     }
 
     /// Sets something in event mode, which may change discrete states.
@@ -234,15 +244,16 @@ impl<'a> Exchange<'a> {
         time: f64,
         set: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Result {
-        calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+        self.enter_event_mode(calling)?;
         calling.warned(Operation::Update, set)?;
-        self.update(calling, time)
+        self.update(calling, time)?;
+        Equations { calling, exchange: self }.evaluate_here(time)
     }
 
     /// Handles an event in event mode.
     fn update(&mut self, calling: &mut Calling, time: f64) -> Result {
         let mut nominals_changed = false;
-        for _ in 0..MAX_EVENTS {
+        for _ in 0..MAX_UPDATES {
             let operation = Operation::Update;
             let update = calling.call(operation, Instance::update_discrete_states)?;
             if update.terminate {
@@ -252,12 +263,15 @@ impl<'a> Exchange<'a> {
             if !update.again {
                 let operation = Operation::ContinuousMode;
                 calling.warned(operation, Instance::enter_continuous_time_mode)?;
+                self.is_in_event_mode = false;
                 self.next = update.next_event;
                 self.handled = time;
                 return if nominals_changed { self.read_nominals(calling) } else { Ok(()) };
             }
         }
-        Err(too_many_events())
+        Err(solver::Failure::discard(format_args!(
+            "the event at t = {time:?} s needs more than {MAX_UPDATES} updates of discrete states"
+        )))
     }
 
     fn read_nominals(&mut self, calling: &mut Calling) -> Result {
@@ -283,24 +297,25 @@ impl<'a> Exchange<'a> {
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
         self.signals.iter_mut().for_each(|signals| signals.begin(time));
-        let next = self.next;
-        let mut equations = Equations { calling, exchange: self };
-        if equations.exchange.is_discrete {
-            let time = next.filter(|_| is_due).map_or(time, |next| next.max(time));
-            equations.exchange.update(equations.calling, time)?;
-        } else if let Some(next) = next.filter(|_| is_due) {
-            equations.event(next.max(time))?;
-        } else if equations.exchange.has_inputs() && equations.has_crossed(time)? {
-            equations.event(time)?;
-        }
-        let Exchange { tolerance, longest, handled, .. } = *equations.exchange;
-        let step = Step { time, size, tolerance, longest, events: Events::Here, handled };
-        let mut workspace = std::mem::take(&mut equations.exchange.workspace);
-        let advanced = solver::advance(&mut equations, &mut workspace, &step);
+        let due = self.next.filter(|_| is_due).map(|next| next.max(time));
+        let step = Step {
+            time,
+            size,
+            tolerance: self.tolerance,
+            longest: self.longest,
+            events: Events::Here,
+            handled: self.handled,
+            event: due.or(self.is_discrete.then_some(time)),
+            restarts: self.restarts,
+        };
+        let mut workspace = std::mem::take(&mut self.workspace);
+        let advanced =
+            solver::advance(&mut Equations { calling, exchange: self }, &mut workspace, &step);
         self.workspace = workspace;
-        advanced?;
+        let Advanced { restarts, .. } = advanced?;
+        self.restarts = restarts;
         if self.is_discrete {
-            calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+            self.enter_event_mode(calling)?;
         }
         Ok(())
     }
@@ -314,10 +329,11 @@ struct Equations<'a, 'b> {
 
 impl Equations<'_, '_> {
     /// Evaluates the equations for the states that the FMU has.
-    fn evaluate_here(&mut self, time: f64) -> Result<bool> {
+    fn evaluate_here(&mut self, time: f64) -> Result {
         let mut states = vec![0.0; self.exchange.nominals.len()];
         self.states_of(&mut states)?;
-        self.evaluate(time, &states)
+        self.evaluate(time, &states)?;
+        Ok(())
     }
 
     fn states_of(&mut self, states: &mut [f64]) -> Result {
@@ -326,17 +342,6 @@ impl Equations<'_, '_> {
             false => (self.calling)
                 .warned(Operation::States, |instance| instance.get_continuous_states(states)),
         }
-    }
-
-    /// Whether the inputs of a communication point have changed the sign of an event indicator.
-    fn has_crossed(&mut self, time: f64) -> Result<bool> {
-        let before = self.exchange.indicators.clone();
-        if before.is_empty() {
-            return Ok(false);
-        }
-        self.evaluate_here(time)?;
-        let mut pairs = before.iter().zip(&self.exchange.indicators);
-        Ok(pairs.any(|(before, now)| (*before > 0.0) != (*now > 0.0)))
     }
 }
 
@@ -378,8 +383,8 @@ impl System for Equations<'_, '_> {
         derivatives.copy_from_slice(&self.exchange.derivatives);
     }
 
-    fn is_positive(&mut self, indicator: usize) -> bool {
-        self.exchange.indicators[indicator] > 0.0
+    fn event_indicator(&mut self, indicator: usize) -> f64 {
+        self.exchange.indicators[indicator]
     }
 
     fn not_finite(&mut self) -> Trouble {
@@ -397,10 +402,10 @@ impl System for Equations<'_, '_> {
     }
 
     fn event(&mut self, time: f64) -> Result {
-        if time > self.exchange.handled {
+        if !self.exchange.is_in_event_mode && time > self.exchange.handled {
             self.calling.warned(Operation::SetTime, |instance| instance.set_time(time))?;
         }
-        self.calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+        self.exchange.enter_event_mode(self.calling)?;
         if let Some(signals) = &mut self.exchange.signals {
             self.calling.feed(signals, time, true)?;
             signals.begin(time);

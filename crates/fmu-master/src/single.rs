@@ -272,9 +272,6 @@ impl Single {
         self.component.enter_initialization()?;
         self.component.exit_initialization()?;
         self.component.begin(None, tolerance, (self.time, f64::INFINITY))?;
-        if let Some(exchange) = &mut self.component.exchange {
-            exchange.is_fed = true;
-        }
         self.runs = true;
         self.messages.record().at(self.time);
         Ok(())

@@ -7,7 +7,7 @@ use std::panic::panic_any;
 use fmu_description::Type;
 use fmu_export::prelude::*;
 
-fmu_export::export!(Every, Sampled, Ball, Hopper, Valve, Device);
+fmu_export::export!(Every, Sampled, Ball, Hopper, Valve, Device, Relay, Switches);
 
 // Indices of the models.
 pub const EVERY: usize = 0;
@@ -16,6 +16,8 @@ pub const BALL: usize = 2;
 pub const HOPPER: usize = 3;
 pub const VALVE: usize = 4;
 pub const DEVICE: usize = 5;
+pub const RELAY: usize = 6;
+pub const SWITCHES: usize = 7;
 
 /// Defines a constant for each value reference, in order: of the first element of an array with so many.
 macro_rules! references {
@@ -619,6 +621,84 @@ impl Simulate for Device {
         }
         let inputs = self.filter.iter().map(|f| f.weight[1] * (f.u + f.slope * step));
         self.y = inputs.sum();
+        Ok(())
+    }
+}
+
+/// Keeps a state within 0.25 of a level by a relay
+#[derive(Model)]
+#[model(continuous, step_size = 0.1)]
+#[rustfmt::skip]
+pub struct Relay {
+    /** set-point */ #[input] pub level: f64,
+    /** rises while it is on */ #[output(state)] x: f64,
+    #[derivative(of = x)] rate: f64,
+    /** what is beyond the threshold */ #[event_indicator] excess: f64,
+    /** how often it has switched */ #[output] switches: i32,
+    on: bool,
+}
+
+impl Relay {
+    references! { LEVEL, X, RATE, EXCESS, SWITCHES }
+}
+
+impl Continuous for Relay {
+    fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
+        let side = if self.on { 1.0 } else { -1.0 };
+        self.rate = side;
+        self.excess = self.x - self.level - 0.25 * side;
+        Ok(())
+    }
+
+    fn event(&mut self, _time: f64) -> Result<(), ModelError> {
+        // Of the inputs that hold now.
+        let switches = if self.on { self.excess >= 0.0 } else { self.excess <= 0.0 };
+        if switches {
+            self.on = !self.on;
+            self.switches += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Counts the changes of what is not continuous, and moves while it is on
+#[derive(Model)]
+#[model(continuous, step_size = 0.1)]
+#[rustfmt::skip]
+pub struct Switches {
+    /** moves it */ #[input] pub on: bool,
+    /** whole number */ #[input] gear: i32,
+    /** real number */ #[input(discrete)] w: f64,
+    /** text */ #[input(start = "12")] text: String,
+    /** item */ #[input] law: Law,
+    /** velocity */ #[parameter(tunable, start = 2)] limit: f64,
+    /** position */ #[output(state)] x: f64,
+    #[derivative(of = x)] rate: f64,
+    /** how often a value was new */ #[output] changes: i32,
+    seen: Option<(bool, i32, f64, String, i32, f64)>,
+}
+
+impl Switches {
+    references! { ON, GEAR, W, TEXT, LAW, LIMIT, X, RATE, CHANGES }
+}
+
+impl Continuous for Switches {
+    fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
+        let is_on = self.seen.as_ref().is_some_and(|seen| seen.0);
+        self.rate = if is_on { self.limit } else { 0.0 };
+        Ok(())
+    }
+
+    fn event(&mut self, _time: f64) -> Result<(), ModelError> {
+        let text = self.text.clone();
+        let now = (self.on, self.gear, self.w, text, self.law as i32, self.limit);
+        let Some(seen) = self.seen.replace(now) else { return Ok(()) };
+        if self.seen.as_ref() != Some(&seen) {
+            self.changes += 1;
+        }
+        if self.on && !seen.0 {
+            self.x = 10.0;
+        }
         Ok(())
     }
 }
