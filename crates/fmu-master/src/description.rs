@@ -14,10 +14,10 @@ use fmu_description::{Type, Value, Variable};
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
-use crate::Function;
 use crate::fault::{Amount, Fault};
 use crate::fmu::Declared;
 use crate::ssp::{self, Source};
+use crate::{Function, table};
 
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -246,7 +246,7 @@ impl Written {
     pub(crate) fn typed(&self, variable: &Variable, name: &str) -> Result<Value> {
         let typed = match (variable.of_type, self) {
             (Type::Boolean, Self::Boolean(value)) => Some(Value::Boolean(*value)),
-            (Type::Boolean, Self::Text(text)) => text.parse().ok().map(Value::Boolean),
+            (Type::Boolean, Self::Text(text)) => table::boolean(text).map(Value::Boolean),
             (Type::String, Self::Text(text)) => {
                 (!text.contains('\0')).then(|| Value::String(text.clone()))
             }

@@ -3,7 +3,7 @@
 //! - CSV: a header such as `time [s],plant.theta [rad]`, then a line for each row, with line feeds. Fields
 //!   are quoted as RFC 4180 requires; an empty field is a missing value, and `""` an empty string. Numbers
 //!   have the fewest digits that read back to the same bits, or are `inf`, `-inf` or `NaN`; Booleans are
-//!   `true` or `false`, Enumerations are numbers, and Binaries are hexadecimal.
+//!   `true` or `false` (also read: `True` and `TRUE`), Enumerations are numbers, and Binaries are hexadecimal.
 //! - Parquet: uncompressed, with the same names, and the types of the variables. Columns are required, or
 //!   optional if a value may be missing.
 
@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 pub use compare::{Difference, Tolerance, compare};
 pub use read::{Series, read, times};
-pub(crate) use read::{read_texts, rounding};
+pub(crate) use read::{boolean, read_texts, rounding};
 
 /// A column of a table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,7 +64,10 @@ impl Column {
     pub(crate) fn parse(&self, field: Option<&str>) -> Result<Cell> {
         let value = field.and_then(|text| match self.kind {
             kind if kind.is_float() => Value::real(kind, text.trim().parse().ok()?),
-            kind => Value::parse(kind, text),
+            kind => Value::parse(kind, text).or_else(|| match kind {
+                Type::Boolean => boolean(text.trim()).map(Value::Boolean),
+                _ => None,
+            }),
         });
         if value.is_none() && !(field.is_none() && self.optional) {
             let (name, found) = (&self.name, field.unwrap_or("empty"));
@@ -262,6 +265,11 @@ mod tests {
             assert_eq!(line, format!("{field},\n"));
             let cells = parse(&columns, &line).unwrap();
             assert_eq!(cells, (vec![Some(value), None], ""));
+        }
+        let columns = [Column::new("a", "", Type::Boolean)];
+        for (field, value) in [("True", true), ("FALSE", false), ("1", true)] {
+            let cells = parse(&columns, field).unwrap().0;
+            assert_eq!(cells, [Some(Value::Boolean(value))]);
         }
         let columns = [("a", Type::Float64), ("b", Type::Boolean), ("c", Type::Int8)];
         let columns = columns.map(|(name, kind)| Column::new(name, "", kind));

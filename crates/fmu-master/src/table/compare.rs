@@ -129,10 +129,21 @@ fn value(series: &Series, times: &[f64], time: f64, same: f64, is_held: bool) ->
 fn is_equal(a: &Cell, b: &Cell, tolerance: f64) -> bool {
     // Other programs write Booleans as numbers.
     let tolerance = if is_boolean(a) || is_boolean(b) { 0.0 } else { tolerance };
+    if let (Some(a), Some(b)) = (whole(a), whole(b)) {
+        return (a - b).unsigned_abs() as f64 <= tolerance;
+    }
     match (number(a), number(b)) {
         (Some(a), Some(b)) => a == b || (a - b).abs() <= tolerance || (a.is_nan() && b.is_nan()),
         _ => a == b,
     }
+}
+
+/// The whole number that a value is, exactly: an `f64` has fewer digits than an Int64.
+fn whole(cell: &Cell) -> Option<i128> {
+    const LARGEST: f64 = 1e30;
+    let value = cell.as_ref()?;
+    let is_whole = |real: &f64| real.fract() == 0.0 && real.abs() < LARGEST;
+    value.as_whole().or_else(|| value.as_real().filter(is_whole).map(|real| real as i128))
 }
 
 fn is_boolean(cell: &Cell) -> bool {

@@ -15,7 +15,7 @@ pub struct Series {
     pub name: String,
     /// Its unit; empty if it has none.
     pub unit: String,
-    /// Its values. Those of CSV are Int64, Float64, Boolean or String, whichever the text looks like.
+    /// Its values. Those of CSV are Int64, UInt64, Float64, Boolean or String, whichever the text looks like.
     pub cells: Vec<Cell>,
 }
 
@@ -91,12 +91,19 @@ pub(super) fn csv(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<
 /// The value that a field looks like.
 pub(super) fn value(field: &str) -> Value {
     let trimmed = field.trim();
-    match (trimmed, trimmed.parse(), trimmed.parse()) {
-        ("true", ..) => Value::Boolean(true),
-        ("false", ..) => Value::Boolean(false),
-        (_, Ok(number), _) => Value::Int64(number),
-        (_, _, Ok(number)) => Value::Float64(number),
-        _ => Value::String(field.to_owned()),
+    let whole =
+        || trimmed.parse().map(Value::Int64).or_else(|_| trimmed.parse().map(Value::UInt64));
+    let value = boolean(trimmed).map(Value::Boolean).or_else(|| whole().ok());
+    let value = value.or_else(|| trimmed.parse().map(Value::Float64).ok());
+    value.unwrap_or_else(|| Value::String(field.to_owned()))
+}
+
+/// A Boolean as this program, Python or a spreadsheet writes it.
+pub(crate) fn boolean(text: &str) -> Option<bool> {
+    match text {
+        "true" | "True" | "TRUE" => Some(true),
+        "false" | "False" | "FALSE" => Some(false),
+        _ => None,
     }
 }
 
@@ -128,4 +135,24 @@ pub fn times(table: &[Series]) -> Result<Vec<f64>> {
 /// digits of a time that is large itself, such as one since 1970.
 pub(crate) fn rounding(time: f64, first: f64) -> f64 {
     1e-9 * (time - first).abs() + 8.0 * f64::EPSILON * time.abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_of_csv_have_the_type_that_they_look_like() {
+        for (field, expected) in [
+            ("True", Value::Boolean(true)),
+            (" FALSE", Value::Boolean(false)),
+            ("-9223372036854775808", Value::Int64(i64::MIN)),
+            ("18446744073709551615", Value::UInt64(u64::MAX)),
+            ("18446744073709551616", Value::Float64(18_446_744_073_709_551_616.0)),
+            ("1.0", Value::Float64(1.0)),
+            ("TRue", Value::String("TRue".into())),
+        ] {
+            assert_eq!(value(field), expected);
+        }
+    }
 }
