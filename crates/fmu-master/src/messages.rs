@@ -20,10 +20,14 @@ pub struct Message {
     pub times: u64,
     /// The call in which it was logged last.
     call: Call,
+    /// How many messages between the one of its kind before it and this one are not kept.
+    left_out: u64,
 }
 
-/// Maximum number kept, in case an FMU logs at every step.
-const MAX_MESSAGES: usize = 100;
+/// How many problems, and how many other messages, are kept in case an FMU logs at every step: the first, which usually
+/// have the cause, and the last.
+const FIRST: usize = 50;
+const LAST: usize = 50;
 /// Maximum length of a message.
 const MAX_CHARACTERS: usize = 1000;
 
@@ -55,9 +59,9 @@ impl Messages {
         self.0.only_problems
     }
 
-    /// Takes the messages logged so far.
+    /// Takes the messages logged so far. One without an instance says how many are left out in its place.
     pub fn take(&self) -> Vec<Message> {
-        std::mem::take(&mut self.kept())
+        told(std::mem::take(&mut *self.kept()))
     }
 
     fn kept(&self) -> MutexGuard<'_, Vec<Message>> {
@@ -80,19 +84,33 @@ impl Messages {
     }
 
     fn keep(&self, instance: &str, warning: bool, text: String) {
-        let (mut messages, call) = (self.kept(), self.call());
-        let same = |m: &Message| m.text == text && m.instance == instance;
-        let mut message = match messages.iter().position(same) {
-            Some(index) => messages.remove(index),
-            None => Message { instance: instance.to_owned(), warning: false, text, times: 0, call },
+        let (mut kept, call) = (self.kept(), self.call());
+        let known = kept.iter().position(|m| m.text == text && m.instance == instance);
+        let is_first = |index: &usize| {
+            let before = kept[..*index].iter();
+            before.filter(|m| m.warning == kept[*index].warning).count() < FIRST
+        };
+        let place = known.filter(is_first);
+        let mut message = match known {
+            Some(index) => remove(&mut kept, index),
+            None => {
+                let instance = instance.to_owned();
+                Message { instance, warning, text, times: 0, call, left_out: 0 }
+            }
         };
         message.warning |= warning;
         message.times += 1;
         message.call = call;
-        if messages.len() == MAX_MESSAGES {
-            messages.remove(0);
+        let warning = message.warning;
+        let end = kept.len();
+        kept.insert(place.unwrap_or(end), message);
+        let mut of_kind = (0..kept.len()).filter(|index| kept[*index].warning == warning);
+        if let Some(oldest) = of_kind.nth(FIRST)
+            && of_kind.nth(LAST - 1).is_some()
+        {
+            kept[oldest].left_out += kept[oldest].times;
+            remove(&mut kept, oldest);
         }
-        messages.push(message);
     }
 
     /// Records that the newest call returned a warning: all messages logged in it become warnings,
@@ -115,7 +133,7 @@ impl Messages {
         // Some FMUs start their messages with the name of the function.
         let prefix = format!("{function}: ");
         let call = self.call();
-        let logged: Vec<Message> = self.kept().extract_if(.., |m| m.call == call).collect();
+        let logged = told(self.kept().extract_if(.., |m| m.call == call));
         let warns = logged.iter().any(|message| message.warning);
         let texts: Vec<&str> = logged
             .iter()
@@ -123,5 +141,72 @@ impl Messages {
             .map(|message| message.text.trim_start_matches(&prefix))
             .collect();
         (!texts.is_empty()).then(|| texts.join("; "))
+    }
+}
+
+/// Removes a message; the next of its kind then follows what was left out before it.
+fn remove(kept: &mut Vec<Message>, index: usize) -> Message {
+    let mut removed = kept.remove(index);
+    if let Some(next) = kept[index..].iter_mut().find(|m| m.warning == removed.warning) {
+        next.left_out += std::mem::take(&mut removed.left_out);
+    }
+    removed
+}
+
+/// Messages for the user, with a message wherever some are left out.
+fn told(messages: impl IntoIterator<Item = Message>) -> Vec<Message> {
+    let told = messages.into_iter().flat_map(|message| {
+        let left_out = (message.left_out > 0).then(|| Message {
+            instance: String::new(),
+            text: format!("{} messages are left out here", message.left_out),
+            times: 1,
+            left_out: 0,
+            ..message.clone()
+        });
+        left_out.into_iter().chain([message])
+    });
+    told.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texts(messages: &Messages) -> Vec<String> {
+        let shown = |m: Message| format!("{}{}", m.text, if m.times > 1 { "*" } else { "" });
+        messages.take().into_iter().map(shown).collect()
+    }
+
+    #[test]
+    fn the_first_and_the_last_messages_are_kept_and_the_others_counted() {
+        let messages = Messages::default();
+        let log = |warning, text: &str| messages.keep("a", warning, text.to_owned());
+        log(true, "cause");
+        for number in 0..1000 {
+            log(true, &format!("{number}"));
+            log(false, "step");
+        }
+        let found = texts(&messages);
+        let numbers = |range: std::ops::Range<i32>| range.map(|n| n.to_string());
+        let expected = ["cause".into(), "0".into(), "step*".into()].into_iter();
+        let expected = expected.chain(numbers(1..49));
+        let expected = expected.chain(["901 messages are left out here".into()]);
+        assert_eq!(found, Vec::from_iter(expected.chain(numbers(950..1000))));
+        assert!(texts(&messages).is_empty());
+    }
+
+    #[test]
+    fn a_message_that_is_repeated_is_one_of_the_last() {
+        let messages = Messages::default();
+        for number in 0..200 {
+            messages.keep("a", true, format!("{number}"));
+            messages.keep("a", true, if number < 70 { "old" } else { "new" }.to_owned());
+        }
+        let found = texts(&messages);
+        assert_eq!(found[..3], ["0", "old*", "1"]);
+        // 202 different ones, of which "new" was logged last and again and again.
+        assert_eq!(found[50], "102 messages are left out here");
+        assert_eq!(found[99..], ["199", "new*"]);
+        assert_eq!(found.len(), 101);
     }
 }

@@ -204,7 +204,8 @@ fn warn(messages: &[Message]) {
             1 => String::new(),
             times => format!(" ({times} times)"),
         };
-        worker::warn(&format!("{instance}: {text}{times}"));
+        let from = if instance.is_empty() { "" } else { ": " };
+        worker::warn(&format!("{instance}{from}{text}{times}"));
     }
 }
 
