@@ -35,6 +35,8 @@ pub struct Fmu {
     pub(crate) feedthrough: Vec<(usize, Arc<[usize]>)>,
     /// The indices of scalars by their names and aliases.
     index: HashMap<String, usize>,
+    /// The indices of the elements of arrays by their names and aliases.
+    arrays: HashMap<String, Range<usize>>,
     units: Units,
     /// The tolerance of its default experiment.
     pub(crate) tolerance: Option<f64>,
@@ -129,10 +131,14 @@ impl Fmu {
         let mut clocked = HashSet::new();
         let mut scalars = Vec::with_capacity(count);
         let mut index = HashMap::with_capacity(count);
+        let mut arrays = HashMap::new();
         for (_, v) in model.variables() {
             for name in [v.name.as_str()].into_iter().chain(v.aliases()) {
                 let names = (0..v.count()).map(|element| v.element_name(name, element));
                 index.extend(names.zip(scalars.len()..));
+                if !v.dimensions.is_empty() && v.count() > 0 {
+                    arrays.insert(name.to_owned(), scalars.len()..scalars.len() + v.count());
+                }
             }
             let variable = variables.len();
             scalars.extend((0..v.count()).map(|element| Scalar { variable, element }));
@@ -149,6 +155,7 @@ impl Fmu {
             scalars,
             clocked,
             index,
+            arrays,
             units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
             tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
             step: model.experiment("stepSize").filter(|step| *step > 0.0),
@@ -182,6 +189,7 @@ impl Fmu {
             version: FmiVersion::Fmi3,
             scalars: (0..variables.len()).map(|variable| Scalar { variable, element: 0 }).collect(),
             index: names.zip(0..).collect(),
+            arrays: HashMap::new(),
             variables,
             clocked: HashSet::new(),
             feedthrough: Vec::new(),
@@ -222,6 +230,14 @@ impl Fmu {
     pub(crate) fn name(&self, scalar: usize) -> String {
         let variable = self.variable(scalar);
         variable.element_name(&variable.name, self.scalars[scalar].element)
+    }
+
+    /// The name of a scalar that was found by this name, which may be an alias or the name of its array.
+    pub(crate) fn name_as(&self, found: &str, scalar: usize) -> String {
+        match self.arrays.contains_key(found) {
+            true => self.variable(scalar).element_name(found, self.scalars[scalar].element),
+            false => found.to_owned(),
+        }
     }
 
     /// The scalars of the array that a scalar is an element of.
@@ -267,9 +283,11 @@ impl Fmu {
         }
         let names = Vec::from_iter((0..self.scalars.len()).map(|scalar| self.name(scalar)));
         let similar = similar(name, names.iter().map(String::as_str));
-        let hint = match (self.elements(name), similar.as_slice()) {
-            (Some(Range { start, end }), _) => {
-                format!("; its elements are {} to {}", names[start], names[end - 1])
+        let hint = match (self.arrays.get(name), similar.as_slice()) {
+            (Some(elements), _) => {
+                let ends =
+                    [elements.start, elements.end - 1].map(|scalar| self.name_as(name, scalar));
+                format!("; its elements are {} to {}", ends[0], ends[1])
             }
             (_, []) => format!("; `cargo fmu info {}` lists its variables", self.file_name()),
             (_, names) => format!("; did you mean {}?", names.join(" or ")),
@@ -282,17 +300,10 @@ impl Fmu {
     /// # Errors
     /// As [`Self::find`].
     pub(crate) fn find_all(&self, name: &str) -> Result<Range<usize>> {
-        match self.elements(name) {
-            Some(elements) if !self.index.contains_key(name) => Ok(elements),
-            _ => self.find(name).map(|scalar| scalar..scalar + 1),
+        match self.arrays.get(name) {
+            Some(elements) => Ok(elements.clone()),
+            None => self.find(name).map(|scalar| scalar..scalar + 1),
         }
-    }
-
-    /// The indices of the elements of an array, if there is one of this name.
-    fn elements(&self, name: &str) -> Option<Range<usize>> {
-        let mut scalars = 0..self.scalars.len();
-        let first = scalars.find(|scalar| self.variable(*scalar).name == name)?;
-        Some(self.array(first))
     }
 
     /// The definition of a unit in base units, if the FMU has one: exponents, factor and offset by name,

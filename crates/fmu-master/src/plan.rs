@@ -110,20 +110,21 @@ impl Plan {
         let input = description.input.as_deref();
         let input = input.map(|file| Input::read(file, &components, &links));
         let input = input.transpose()?;
-        let recorded = recorded(&components, &description.outputs)?;
+        let (recorded, names): (Vec<_>, Vec<_>) =
+            recorded(&components, &description.outputs)?.into_iter().unzip();
         let bounds = |port: &Port| {
             let Variable { min, max, .. } = port.of(&components);
             [min, max].map(|bound| bound.as_ref().map(number))
         };
-        let column = |port: &Port| {
+        let column = |(port, name): (&Port, String)| {
             let Variable { of_type, unit, .. } = port.of(&components);
-            Column::new(port.name(&components), unit.as_deref().unwrap_or_default(), *of_type)
+            Column::new(name, unit.as_deref().unwrap_or_default(), *of_type)
         };
         Ok(Self {
             order: description.order,
             experiment: description.experiment(),
             wiring: Wiring::new(description, &components, &links, input.as_ref(), &recorded),
-            columns: recorded.iter().map(column).collect(),
+            columns: recorded.iter().zip(names).map(column).collect(),
             notes: notes(&components, &recorded)
                 .into_iter()
                 .chain(description.experiment().note()?)
@@ -460,7 +461,8 @@ fn tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
     }
 }
 
-fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
+/// The recorded variables, and the names of their columns: a variable may be recorded by its name and aliases.
+fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<(Port, String)>> {
     if names.is_empty() {
         // Strings and Binaries only on request.
         let is_recorded = |port: &Port| {
@@ -469,18 +471,21 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
                 && !matches!(variable.of_type, Type::String | Type::Binary)
                 && unrecordable(components, port).is_none()
         };
-        return Ok(all(components).filter(is_recorded).collect());
+        let recorded = all(components).filter(is_recorded);
+        return Ok(recorded.map(|port| (port, port.name(components))).collect());
     }
     let (mut ports, mut found) = (Vec::new(), HashSet::new());
     for name in names {
         let (component, scalars) = resolve(components, name, Fmu::find_all)?;
+        let Planned { prefix, fmu, .. } = &components[component];
         for scalar in scalars {
             let port = Port { component, scalar };
             if let Some(reason) = unrecordable(components, &port) {
                 bail!("{name} cannot be recorded: {reason}");
             }
-            ensure!(found.insert(port), "{name} is recorded twice");
-            ports.push(port);
+            let name = format!("{prefix}{}", fmu.name_as(&name[prefix.len()..], scalar));
+            ensure!(found.insert(name.clone()), "{name} is recorded twice");
+            ports.push((port, name));
         }
     }
     Ok(ports)
