@@ -57,6 +57,26 @@ def test_a_rejected_draw_is_a_failed_run(program, tmp_path, seed):
         assert bool(row["failure"]) == is_rejected
 
 
+def test_a_refused_value_is_a_failed_run_wherever_it_is(program, tmp_path):
+    """The mass of the cart must be positive."""
+    for values in ([1.0, 1.1, -1.0], [-1.0, 0.5], [0.5, -1.0, -2.0, 0.6]):
+        text = f"stop = 0.01\n[[parameter]]\nvariable = 'plant.M'\nvalues = {values}"
+        out = tmp_path / "out.csv"
+        result = local(sweeps.written(tmp_path, text), out)
+        assert result.returncode == 0, result.stderr
+        rows = sweeps.table(out)
+        assert [float(row["plant.M"]) for row in rows] == values
+        reasons = [f"plant (Pendulum.fmu), M = {v}: fmi2SetReal returned fmi2Error" for v in values]
+        found = [row["failure"] for row in rows]
+        assert found == [why if v < 0 else "" for v, why in zip(values, reasons, strict=True)]
+    for values in ([-1.0], [-1.0, -2.0]):
+        text = f"[[parameter]]\nvariable = 'plant.M'\nvalues = {values}"
+        result = local(sweeps.written(tmp_path, text), out)
+        assert result.returncode == 1
+        assert f"{len(values)} of {len(values)} run" in result.stderr
+        assert all(row["failure"] for row in sweeps.table(out))
+
+
 def test_a_sweep_of_which_every_run_fails_is_an_error(program, tmp_path):
     text = 'draws = 3\n[[parameter]]\nvariable = "plant.M"\nnormal = [-9, 1]'
     out = tmp_path / "out.csv"

@@ -65,7 +65,7 @@ fn runs(text: &str) -> Result<Range<u64>> {
 /// Runs the sweep, or the part selected by the options, in worker processes.
 ///
 /// # Errors
-/// A file is invalid or cannot be written, or an FMU rejects a start value.
+/// A file is invalid or cannot be written, or every run failed.
 pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
     let sandbox = args.limited.sandbox();
     let [system, fmus, input] = [&args.system, &args.fmus, &args.input].map(|path| path.as_deref());

@@ -98,14 +98,8 @@ impl Parameters {
         Ok(assignments)
     }
 
-    /// Whether the values of a variable are drawn.
-    pub fn is_random(&self, variable: &str) -> bool {
-        let mut random = self.all.iter().filter(|parameter| parameter.is_random());
-        random.any(|parameter| parameter.variables.iter().any(|name| name == variable))
-    }
-
-    /// Runs that together cover every listed value and both ends of every range, to be tried before a
-    /// long sweep is started.
+    /// Runs that together cover every listed value and both ends of every range, to be checked before a long sweep is
+    /// started.
     pub fn corners(&self) -> Vec<u64> {
         let mut corners = vec![0];
         let mut runs = self.runs;

@@ -1,5 +1,6 @@
 //! A study: a sweep file applied to its system, run by run.
 
+use std::cell;
 use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::io::BufRead;
@@ -156,7 +157,7 @@ impl Progress {
 /// What a worker is asked to do.
 #[derive(Clone, Copy, Serialize, Deserialize)]
 enum Task {
-    /// To set the values of a run without simulating it.
+    /// To initialize a run without simulating it.
     Try(u64),
     /// To simulate a run.
     Simulate(u64),
@@ -255,26 +256,26 @@ impl Study {
             fingerprint,
         };
         for index in study.parameters.corners() {
-            study.starts(index, |_| true)?;
+            study.starts(index)?;
         }
         Ok(study)
     }
 
-    /// Sets every listed value and the ends of every range in the FMUs, so that a rejected value is
-    /// reported before the first run rather than hours later.
+    /// Initializes the FMUs with listed values and the ends of ranges, until they do not crash. Values that an FMU refuses
+    /// are those of failed runs.
     ///
     /// # Errors
-    /// A value is rejected, or the FMUs crash at every value.
+    /// The FMUs cannot be used, or crash at every value.
     fn try_corners(&self, pool: &mut Pool<'_, Task>) -> Result<()> {
-        let (mut fit, mut crash) = (false, None);
+        let (fit, mut crash) = (cell::Cell::new(false), None);
         let corners = self.parameters.corners();
         pool.run(
             corners.len() as u64,
-            corners.into_iter().map(Task::Try),
+            corners.into_iter().map(Task::Try).take_while(|_| !fit.get()),
             |outcomes: Vec<(Task, Outcome<Reply>)>| {
                 for (_, outcome) in outcomes {
                     match outcome {
-                        Outcome::Reply(Ok(_)) => fit = true,
+                        Outcome::Reply(Ok(_)) => fit.set(true),
                         Outcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
                         Outcome::Crash(crashed) => crash = Some(crashed.text),
                     }
@@ -284,7 +285,7 @@ impl Study {
         )?;
         // A crash at some values is recorded with their runs.
         match crash {
-            Some(text) if !fit => bail!("{}: {text}", self.sweep.display()),
+            Some(text) if !fit.get() => bail!("{}: {text}", self.sweep.display()),
             _ => Ok(()),
         }
     }
@@ -301,7 +302,10 @@ impl Study {
         while let Some(task) = service.task()? {
             let record = service.record();
             let reply = match task {
-                Task::Try(index) => self.fits(index, record).map(|()| None),
+                Task::Try(index) => match self.initialize(index, record) {
+                    Err(error) if error.downcast_ref::<Failure>().is_none() => Err(error),
+                    _ => Ok(None),
+                },
                 Task::Simulate(index) => self.simulate(index, record).map(Some),
             };
             let is_lost = self.plan.components.iter().any(|component| component.fmu.is_lost());
@@ -314,39 +318,27 @@ impl Study {
         Ok(())
     }
 
-    /// The start values of a run, of the variables that are wanted.
-    fn starts(&self, index: u64, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Start>> {
+    /// The start values of a run.
+    fn starts(&self, index: u64) -> Result<Vec<Start>> {
         let mut starts = self.set.clone();
-        for (name, value) in self.parameters.run(index)?.into_iter().filter(|(n, _)| is_wanted(n)) {
+        for (name, value) in self.parameters.run(index)? {
             starts.push(self.plan.start(name, &written(&value))?);
         }
         Ok(starts)
     }
 
-    /// Checks that the FMUs accept the values of a run. If they refuse a draw, other runs may be fine.
-    fn fits(&self, index: u64, record: &Record) -> Result<()> {
-        let is_listed = |name: &str| !self.parameters.is_random(name);
-        let tried = self.initialize(index, record, |_| true);
-        tried.or_else(|e| self.initialize(index, record, is_listed).map_err(|_| e)).map(drop)
-    }
-
-    fn initialize(
-        &self,
-        index: u64,
-        record: &Record,
-        is_wanted: impl Fn(&str) -> bool,
-    ) -> Result<Simulation<'_>> {
+    fn initialize(&self, index: u64, record: &Record) -> Result<Simulation<'_>> {
         let messages = Messages::of_problems(record.clone());
-        let starts = self.starts(index, is_wanted);
+        let starts = self.starts(index);
         let simulation = starts.and_then(|starts| self.plan.simulate(&starts, &messages));
         simulation.with_context(|| format!("run {index}"))
     }
 
     /// Simulates a run. One that an FMU ends early counts as diverged.
     fn simulate(&self, index: u64, record: &Record) -> Result<Done> {
-        let simulation = match self.initialize(index, record, |_| true) {
+        let simulation = match self.initialize(index, record) {
             Ok(simulation) => simulation,
-            // It may refuse some of the values that are drawn.
+            // It may refuse some of the values.
             Err(error) => {
                 let failure = error.downcast::<Failure>()?;
                 return self.unmeasured(index, failure.time, failure.event(), failure.to_string());
