@@ -391,6 +391,67 @@ def test_a_crash_of_an_instance_is_an_exception(faulty):
             instance.step(0.25)
 
 
+FORKED = """
+import gc, os, sys
+from pathlib import Path
+from fmu_master import FmuError, Instance, System
+
+fmu, folder, in_process = sys.argv[1], Path(sys.argv[2]), sys.argv[3] == "True"
+start = {"theta0": 0.1}
+
+
+def files():
+    return sorted(folder.rglob("*"))
+
+
+def forked(call, ends):
+    child = os.fork()
+    if child == 0:
+        try:
+            call()
+            code = 0
+        except FmuError as error:
+            assert "from which this one was forked" in str(error)
+            code = 1
+        ends(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def drop():
+    global plant, loop
+    plant.free()
+    loop._runners[in_process].free()
+    del plant, loop
+    gc.collect()
+
+
+plant = Instance(fmu, start_values=start, in_process=in_process)
+plant.step(0.1)
+with System(fmu).loaded() as loop:
+    run = lambda: loop.simulate(start, in_process=in_process)["theta"].tolist()
+    before, kept = run(), files()
+    assert kept
+    calls = {plant.save: not in_process, run: not in_process, drop: 0}
+    calls[lambda: Instance(fmu).step(0.1)] = 0
+    for call, code in calls.items():
+        for ends in (os._exit, sys.exit):
+            assert forked(call, ends) == code
+            assert files() == kept
+    plant.step(0.1)
+    assert run() == before
+plant.free()
+"""
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_a_forked_process_leaves_what_it_inherits_to_its_parent(fmus, tmp_path, in_process):
+    """FMUs in the same process are copied with it."""
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-c", FORKED, PENDULUM, str(tmp_path), str(in_process)]
+    subprocess.run(command, env=env, timeout=SECONDS, check=True)
+    assert list(tmp_path.iterdir()) == []
+
+
 def passing(loop: dict, **component: object) -> System:
     """Return the loop of a system file with a component in Python between controller and plant."""
     table = {"name": "actuator", "fmu": python_component(["u"], ["f"], **component)}

@@ -13,12 +13,13 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use fmu_file::replace::remove_unfinished;
+use fmu_worker::Owned;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use tempfile::TempDir;
 
 /// A command in progress. All temporary folders are in one, which is removed with this value.
 pub struct Session {
-    folder: TempDir,
+    folder: Owned<TempDir>,
     /// Locked while this process lives.
     _lock: File,
     signal: Arc<AtomicUsize>,
@@ -60,7 +61,7 @@ impl Session {
         let created = create();
         let (folder, lock) =
             created.with_context(|| format!("cannot write to the folder {}", parent.display()))?;
-        Ok(Self { folder, _lock: lock, signal: Arc::default() })
+        Ok(Self { folder: Owned::new(folder), _lock: lock, signal: Arc::default() })
     }
 
     /// The folder for temporary files.

@@ -34,4 +34,4 @@ pub use logger::{Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use quick::{Listed, Unusual};
 pub use resources::{resource_path, uri};
-pub use shared_memory::{Origin, SharedMemory};
+pub use shared_memory::{Origin, Owned, SharedMemory};

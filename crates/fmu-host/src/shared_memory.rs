@@ -1,10 +1,12 @@
-//! Memory that several processes share, and memory that a forked process does not have.
+//! Memory that several processes share, and what a forked process does not have.
 
 #[cfg(target_os = "linux")]
 use std::ffi::{c_int, c_void};
 use std::fmt::Debug;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::mem::ManuallyDrop;
+use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::Arc;
@@ -108,6 +110,49 @@ impl Origin {
         match &self.page {
             Some(page) => page[0] == 1,
             None => std::process::id() == self.process,
+        }
+    }
+}
+
+/// Something that exists once for the system, such as a temporary folder or a child process. Only the process that
+/// made it drops it: in a process that was forked from that one, the drop leaves it alone.
+#[derive(Debug)]
+pub struct Owned<T> {
+    value: ManuallyDrop<T>,
+    process: u32,
+}
+
+impl<T> Owned<T> {
+    /// A value of this process.
+    pub fn new(value: T) -> Self {
+        Self { value: ManuallyDrop::new(value), process: std::process::id() }
+    }
+
+    /// Whether this process is the one that made it.
+    pub fn is_of_this_process(&self) -> bool {
+        std::process::id() == self.process
+    }
+}
+
+impl<T> Deref for Owned<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.value
+    }
+}
+
+impl<T> DerefMut for Owned<T> {
+    fn deref_mut(&mut self) -> &mut T {
+        &mut self.value
+    }
+}
+
+impl<T> Drop for Owned<T> {
+    fn drop(&mut self) {
+        if self.is_of_this_process() {
+            // SAFETY: the value is not used again.
+            unsafe { ManuallyDrop::drop(&mut self.value) }
         }
     }
 }

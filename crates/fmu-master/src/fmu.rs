@@ -14,7 +14,7 @@ use fmu_description::{
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
-use fmu_host::{Instance, Instantiation, Kind, Library, Limits, LoadError};
+use fmu_host::{Instance, Instantiation, Kind, Library, Limits, LoadError, Owned};
 use tempfile::TempDir;
 
 use crate::{Function, Interface, Messages, Sandbox};
@@ -68,7 +68,7 @@ struct Binary {
     /// Loaded by the first instance, and the location of its resources. Must be dropped before the folder, which
     /// removes the file.
     library: OnceLock<Result<(Arc<Library>, String), LoadError>>,
-    folder: TempDir,
+    folder: Owned<TempDir>,
     token: String,
     limits: Limits,
     /// The log categories of warnings and errors, if it declares those of the standard.
@@ -164,7 +164,7 @@ impl Fmu {
             code: Code::Binary(Binary {
                 file: binary,
                 library: OnceLock::new(),
-                folder,
+                folder: Owned::new(folder),
                 token: model.token().to_owned(),
                 limits: Limits {
                     call: sandbox.call,

@@ -13,7 +13,7 @@ use fmu_description::Value;
 use fmu_master::run::{Computed, Failed, Outcome, Watch, supervise};
 use fmu_master::table::{self, Series, Tolerance};
 use fmu_master::{Call, Column, Experiment, Message, Messages};
-use fmu_worker::{Limits, Worker, available_memory};
+use fmu_worker::{Limits, Owned, Worker, available_memory};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString, PyTuple};
@@ -48,7 +48,7 @@ struct Done {
 pub struct Runner {
     program: Vec<OsString>,
     keeps: bool,
-    idle: Mutex<Vec<Kept>>,
+    idle: Owned<Mutex<Vec<Kept>>>,
 }
 
 /// What is kept of a run for the next one.
@@ -66,7 +66,7 @@ impl Runner {
     /// they stay loaded while the same system is run, once for each run at the same time.
     #[new]
     fn new(program: Vec<OsString>, keeps: bool) -> Self {
-        Self { program, keeps, idle: Mutex::default() }
+        Self { program, keeps, idle: Owned::new(Mutex::default()) }
     }
 
     /// Runs a system, whose functions call `steps`; returns a dict with the columns and what else there is to tell.
@@ -78,6 +78,11 @@ impl Runner {
         steps: Vec<Py<PyAny>>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
+        if !self.program.is_empty() && !self.idle.is_of_this_process() {
+            return Err(FmuError::new_err(
+                "the system was loaded by the process from which this one was forked, expected one that this one has loaded",
+            ));
+        }
         let system = given(system).map_err(error)?;
         let (done, raised) = py.detach(|| {
             let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
@@ -107,6 +112,9 @@ impl Runner {
 
     /// Ends the worker processes and frees the FMUs.
     fn free(&self, py: Python<'_>) {
+        if !self.idle.is_of_this_process() {
+            return;
+        }
         py.detach(|| self.idle.lock().unwrap_or_else(PoisonError::into_inner).clear());
     }
 }

@@ -10,7 +10,7 @@ use fmu_description::{Value, Variable};
 use fmu_master::Written;
 use fmu_master::run::Failed;
 use fmu_master::single::{Answer, Ask, Names, Setup, Single};
-use fmu_worker::{Event, Record, Worker};
+use fmu_worker::{Event, Owned, Record, Worker};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -18,7 +18,7 @@ use pyo3::sync::MutexExt;
 
 use crate::columns::{from_python, to_python};
 use crate::job::{Job, given};
-use crate::run::{PERIOD, error, raised, start};
+use crate::run::{FmuError, PERIOD, error, raised, start};
 
 /// Where the FMU is.
 enum Place {
@@ -31,7 +31,9 @@ enum Place {
 #[pyclass(module = "fmu_master._native")]
 pub struct Instance {
     names: Names,
-    place: Mutex<Option<Place>>,
+    /// A forked process must not wait for a thread that it does not have.
+    place: Owned<Mutex<Option<Place>>>,
+    is_here: bool,
     /// States that are no longer needed. The next call of `save` frees them.
     forgotten: Mutex<Vec<u64>>,
 }
@@ -51,6 +53,12 @@ impl Instance {
     }
 
     fn answer(&self, py: Python<'_>, ask: Ask) -> PyResult<Answer> {
+        if !self.is_here && !self.place.is_of_this_process() {
+            let (name, _) = self.names.names();
+            return Err(FmuError::new_err(format!(
+                "{name} runs for the process from which this one was forked, expected an Instance that this one has made"
+            )));
+        }
         let mut place = self.place(py);
         match place.as_mut().context("the instance was freed").map_err(error)? {
             // Not worth releasing the lock of Python, unless the FMU computes for long.
@@ -166,7 +174,9 @@ impl Instance {
         if let Place::There(worker, _) = &mut place {
             receive(py, worker, &names)?;
         }
-        Ok(Self { names, place: Mutex::new(Some(place)), forgotten: Mutex::default() })
+        let is_here = program.is_empty();
+        let place = Owned::new(Mutex::new(Some(place)));
+        Ok(Self { names, place, is_here, forgotten: Mutex::default() })
     }
 
     /// The first number of a variable, and the one after its last.
@@ -256,6 +266,9 @@ impl Instance {
     }
 
     fn free(&self, py: Python<'_>) {
+        if !self.place.is_of_this_process() {
+            return;
+        }
         let place = self.place(py).take();
         py.detach(|| match place {
             None => {}

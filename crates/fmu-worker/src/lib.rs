@@ -41,6 +41,7 @@ mod record;
 mod service;
 mod worker;
 
+pub use fmu_host::Owned;
 pub use record::{Call, Calls, Function, Moment, Record};
 pub use service::Service;
 pub use worker::{Ended, Event, Limits, SLOW, Worker, available_memory};

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::channel::{Receiver, Sender, WORDS};
 use crate::{Call, Record};
-use fmu_host::SharedMemory;
+use fmu_host::{Owned, SharedMemory};
 
 /// What a process may use before it is killed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -85,11 +85,10 @@ impl fmt::Display for Ended {
 }
 
 /// A process that runs foreign code. It and all processes that it has started are killed when this value
-/// is dropped.
+/// is dropped. A process that is forked from the one that has started it can neither use nor end it.
 #[derive(Debug)]
 pub struct Worker {
-    child: Child,
-    folder: PathBuf,
+    process: Owned<Process>,
     record: Record,
     tasks: Sender,
     replies: Receiver,
@@ -106,6 +105,13 @@ pub struct Worker {
     memory_checked: Instant,
     /// How often it was looked at.
     looks: u64,
+}
+
+/// The process of a worker and its folder, which end together.
+#[derive(Debug)]
+struct Process {
+    child: Child,
+    folder: PathBuf,
 }
 
 /// The environment variables with the folder of a worker, and with the process that has started it.
@@ -162,8 +168,7 @@ impl Worker {
         let child = command.stdin(Stdio::null()).spawn()?;
         let now = Instant::now();
         Ok(Self {
-            child,
-            folder,
+            process: Owned::new(Process { child, folder }),
             call: record.call(),
             record,
             tasks: Sender::new(tasks),
@@ -200,11 +205,14 @@ impl Worker {
 
     fn send_or_dismiss<T: Serialize>(&mut self, task: Option<&T>) {
         let task = postcard::to_allocvec(&task).expect("a task has a known length");
-        let child = &mut self.child;
-        self.tasks.send(&task, || {
-            thread::sleep(PAUSES[0]);
-            matches!(child.try_wait(), Ok(None))
-        });
+        let process = &mut self.process;
+        // The shared files are those of the process that has started it.
+        if process.is_of_this_process() {
+            self.tasks.send(&task, || {
+                thread::sleep(PAUSES[0]);
+                matches!(process.child.try_wait(), Ok(None))
+            });
+        }
         (self.sent, self.active) = (Instant::now(), Instant::now());
     }
 
@@ -213,8 +221,9 @@ impl Worker {
     /// than its replies are received can be stopped.
     ///
     /// # Errors
-    /// The system does not tell the state of the process.
+    /// The system does not tell the state of the process, or another process has started it.
     pub fn look(&mut self) -> io::Result<Option<Event>> {
+        self.check_process()?;
         self.looks += 1;
         if self.looks.is_multiple_of(LOOKS) || !self.replies.receive() {
             if self.ended.is_none() {
@@ -282,6 +291,13 @@ impl Worker {
         }
     }
 
+    fn check_process(&self) -> io::Result<()> {
+        match self.process.is_of_this_process() {
+            true => Ok(()),
+            false => Err(io::Error::other("the worker process belongs to another process")),
+        }
+    }
+
     fn see_call(&mut self) {
         let call = self.record.call();
         if call != self.call {
@@ -291,7 +307,7 @@ impl Worker {
 
     /// Whether the process has ended; kills it if it exceeds a limit.
     fn poll(&mut self) -> io::Result<Option<Ended>> {
-        if let Some(status) = self.child.try_wait()? {
+        if let Some(status) = self.process.child.try_wait()? {
             return Ok(Some(Ended::Exited(status)));
         }
         self.see_call();
@@ -303,11 +319,11 @@ impl Worker {
             && self.memory_checked.elapsed() >= MEMORY_PERIOD
         {
             self.memory_checked = Instant::now();
-            let used = used_memory(self.child.id()).filter(|used| *used > limit);
+            let used = used_memory(self.process.child.id()).filter(|used| *used > limit);
             reason = reason.or(used.map(Ended::OutOfMemory));
         }
         if reason.is_some() {
-            if let Some(status) = self.child.try_wait()? {
+            if let Some(status) = self.process.child.try_wait()? {
                 return Ok(Some(Ended::Exited(status)));
             }
             self.kill()?;
@@ -318,15 +334,16 @@ impl Worker {
     /// Kills the process, whose replies until then can still be received.
     ///
     /// # Errors
-    /// The system does not tell the state of the process.
+    /// The system does not tell the state of the process, or another process has started it.
     pub fn kill(&mut self) -> io::Result<()> {
-        self.child.kill()?;
-        self.ended = Some(Ended::Exited(self.child.wait()?));
+        self.check_process()?;
+        self.process.child.kill()?;
+        self.ended = Some(Ended::Exited(self.process.child.wait()?));
         Ok(())
     }
 }
 
-impl Drop for Worker {
+impl Drop for Process {
     fn drop(&mut self) {
         // It may have ended already; then there is usually nothing left to kill in its group.
         let _ = self.child.kill();
@@ -380,7 +397,8 @@ mod tests {
         fs::create_dir(&session).unwrap();
         let limits = Limits { task: Some(Duration::ZERO), ..Limits::default() };
         let mut worker = Worker::start(Command::new("sleep").arg("60"), &session, limits).unwrap();
-        let mut replies = Sender::new(SharedMemory::open(&worker.folder.join(REPLIES)).unwrap());
+        let mut replies =
+            Sender::new(SharedMemory::open(&worker.process.folder.join(REPLIES)).unwrap());
         for _ in 0..=LOOKS {
             replies.send(&[1], || true);
             worker.look().unwrap();

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context, Error, Result, bail, ensure};
 use fmu_description::xml::{self, Element};
 use fmu_file::archive::{self, Archive};
+use fmu_host::Owned;
 use tempfile::TempDir;
 
 use super::system::System;
@@ -148,7 +149,7 @@ pub struct Files {
     file: PathBuf,
     folder: PathBuf,
     /// The folder of a package, which files must not leave.
-    unpacked: Option<TempDir>,
+    unpacked: Option<Owned<TempDir>>,
 }
 
 impl Files {
@@ -168,7 +169,7 @@ impl Files {
             folder.join(STRUCTURE_FILE).exists(),
             "it is not an SSP package: it has no {STRUCTURE_FILE} at its root"
         );
-        Ok(Self { file: file.to_owned(), folder, unpacked: Some(unpacked) })
+        Ok(Self { file: file.to_owned(), folder, unpacked: Some(Owned::new(unpacked)) })
     }
 
     /// Whether its files are in a package.
