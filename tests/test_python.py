@@ -18,6 +18,7 @@ import fmpy
 import numpy as np
 import pandas
 import polars
+import pyarrow
 import pyarrow.parquet
 import pytest
 from dask.distributed import Client
@@ -389,6 +390,100 @@ def test_a_crash_of_an_instance_is_an_exception(faulty):
         assert caught.value.time == 0.5
         with pytest.raises(FmuError, match="was freed"):
             instance.step(0.25)
+
+
+LARGEST, ODD = 2**64 - 1, 2**53 + 1
+"""The largest UInt64, and the smallest whole number that is no Float64."""
+
+
+@pytest.fixture
+def echo(tmp_path) -> Path:
+    """Return an FMU whose outputs are its inputs: yw of w and so on."""
+    return in_c(tmp_path / "Echo.fmu")
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_whole_numbers_of_64_bits_keep_all_digits_in_an_instance(echo, in_process):
+    start = {"w": LARGEST, "i": -ODD, "ws": [1, 2**63]}
+    with Instance(echo, start_values=start, in_process=in_process) as instance:
+        assert (instance.get("yw"), instance.get("yi")) == (LARGEST, -ODD)
+        assert instance.get("yws").tolist() == [1, 2**63]
+        for given in (2**63 + 1, np.uint64(ODD), np.int32(7), np.array(LARGEST, np.uint64)):
+            instance.set("w", given)
+            assert instance.get("yw") == int(given)
+            assert instance.get(["yw", "yi", "yA[1,1]"]).tolist() == [int(given), -ODD, 0.0]
+        for array in ([2**63 + 1, 0], (1, np.uint64(LARGEST)), np.array([ODD, 2**63], np.uint64)):
+            instance.set("ws", array)
+            assert instance.get("yws").tolist() == list(array)
+        for wrong in (-1, 2**64, 1.5):
+            with pytest.raises(FmuError, match=rf"w = .*; expected .* from 0 to {LARGEST}"):
+                instance.set("w", wrong)
+
+
+def test_whole_numbers_of_64_bits_keep_all_digits_in_runs_and_tables(echo, tmp_path):
+    start = {"w": LARGEST, "i": -ODD, "ws": [1, 2**63 + 1]}
+    system = System(components={"a": {"fmu": echo, "start": start}}, step=0.5, stop=1.0)
+    (tmp_path / "a.toml").write_text(system.toml)
+    parts = {f"a.{name}": value for name, value in start.items()}
+    for result in (
+        system.simulate(),
+        System(tmp_path / "a.toml").simulate(),
+        System({**system.keys(), "component": [{"name": "a", "fmu": echo}]}).simulate(parts),
+    ):
+        assert (result["a.yw"][-1], result["a.yi"][-1]) == (LARGEST, -ODD)
+        assert result["a.yws"][-1].tolist() == [1, 2**63 + 1]
+    arrow = pyarrow.table({"time": [0.0, 0.5], "w": pyarrow.array([1, LARGEST], pyarrow.uint64())})
+    pyarrow.parquet.write_table(arrow, tmp_path / "w.parquet", compression="none")
+    time = [0.0, 0.5]
+    for given in (
+        {"time": time, "w": [1, LARGEST]},
+        {"time": time, "w": np.array([1, LARGEST], np.uint64)},
+        {"w": lambda t: LARGEST if t >= 0.5 else 1},
+        pandas.DataFrame({"time": time, "w": [1, LARGEST]}),
+        polars.DataFrame({"time": time, "w": [1, LARGEST]}),
+        tmp_path / "w.parquet",
+    ):
+        result = simulate(echo, input=given, step_size=0.25)
+        assert result["yw"].tolist() == [1, 1, 1, LARGEST, LARGEST]  # before each step
+    assert read(tmp_path / "w.parquet")["w"].tolist() == [1, LARGEST]
+    tables = [{"time": time, "w": [1, last]} for last in (LARGEST, LARGEST - 1)]
+    assert compare(*tables, relative=0).reference["w"].tolist() == [1, LARGEST]
+    names = dict.fromkeys(("reference", "output", "error", "control"), "a.yA[1,1]")
+    plan = {"a.w": [1, LARGEST], "a.i": [-ODD, ODD]}
+    sweep(plan, system, tmp_path / "out.parquet", signals=names, set={"a.ws": [LARGEST, 0]})
+    runs = read(tmp_path / "out.parquet")
+    assert {name: runs[name].tolist() for name in plan} == plan
+
+
+SHAPES = {
+    "2 x 2": [[1, 2], [3, 4]],
+    "3 x 2": np.zeros((3, 2)),
+    "6": [1, 2, 3, 4, 5, 6],
+    "1 x 3": [range(3)],
+    "lists of different lengths": [[1, 2, 3], [4, 5]],
+}
+"""Values for a matrix of 2 rows and 3 columns, by what is said of them."""
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_an_array_of_another_shape_is_an_error_with_both_shapes(echo, shape):
+    value = SHAPES[shape]
+    system = System(components={"a": echo}, step=0.5, stop=1.0)
+    signals = dict.fromkeys(("reference", "output", "error", "control"), "a.yA[1,1]")
+    started = System(components={"a": {"fmu": echo, "start": {"A": value}}}, step=0.5, stop=1.0)
+    for use in (
+        lambda: simulate(echo, start_values={"A": value}),
+        lambda: Instance(echo, start_values={"A": value}),
+        lambda: Instance(echo).set("A", value),
+        lambda: system.simulate({"a.A": value}),
+        started.times,
+        lambda: sweep({"a.w": [1]}, system, signals=signals, set={"a.A": value}),
+    ):
+        with pytest.raises(FmuError, match=rf"A = \[.*\]: values: {shape}, expected 2 x 3$"):
+            use()
+    matrix = np.arange(6.0).reshape(2, 3)
+    assert simulate(echo, start_values={"A": matrix})["yA"][-1].tolist() == matrix.ravel().tolist()
+    assert system.simulate({"a.A": matrix.tolist()})["a.yA[2,3]"][-1] == 5
 
 
 FORKED = """

@@ -11,8 +11,9 @@ use std::time::Duration;
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use clap::{Args, ValueEnum};
 use fmu_description::{Type, Value, Variable};
-use serde::{Deserialize, Serialize};
-use toml::de::{DeTable, DeValue};
+use serde::de::{SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 use crate::fault::{Amount, Fault};
 use crate::fmu::Declared;
@@ -214,17 +215,63 @@ impl TryFrom<Notation> for Connection {
 }
 
 /// A value as the user writes it.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(untagged, expecting = "expected a number, true, false or a quoted string")]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Written {
     /// `true` or `false`.
     Boolean(bool),
-    /// A whole number.
-    Integer(i64),
+    /// A whole number of any type.
+    Integer(i128),
     /// A number.
     Real(f64),
-    /// The name of an enumeration item, a string, or any of the above as text.
+    /// The name of an enumeration item, a string, or any other value as text.
     Text(String),
+    /// The values of an array, row by row.
+    Array(Vec<Self>),
+}
+
+impl<'de> Deserialize<'de> for Written {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(WrittenVisitor)
+    }
+}
+
+struct WrittenVisitor;
+
+impl<'de> Visitor<'de> for WrittenVisitor {
+    type Value = Written;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number, true, false, a quoted string or an array of these")
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Written, E> {
+        Ok(Written::Boolean(value))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Written, E> {
+        Ok(Written::Integer(value.into()))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Written, E> {
+        Ok(Written::Integer(value.into()))
+    }
+
+    fn visit_i128<E>(self, value: i128) -> Result<Written, E> {
+        Ok(Written::Integer(value))
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<Written, E> {
+        Ok(Written::Real(value))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Written, E> {
+        Ok(Written::Text(value.to_owned()))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<Written, A::Error> {
+        let values = std::iter::from_fn(|| values.next_element().transpose());
+        values.collect::<Result<_, _>>().map(Written::Array)
+    }
 }
 
 impl fmt::Display for Written {
@@ -234,11 +281,69 @@ impl fmt::Display for Written {
             Self::Integer(value) => value.fmt(f),
             Self::Real(value) => write!(f, "{value:?}"),
             Self::Text(value) => write!(f, "{value:?}"),
+            Self::Array(values) => {
+                let mut list = f.debug_list();
+                for value in values.iter().take(SHOWN) {
+                    list.entry(&format_args!("{value}"));
+                }
+                if values.len() > SHOWN { list.finish_non_exhaustive() } else { list.finish() }
+            }
         }
     }
 }
 
+/// The number of values of an array that a message shows.
+const SHOWN: usize = 8;
+
 impl Written {
+    /// Whether it is an array, maybe as text.
+    pub(crate) fn is_array(&self) -> bool {
+        match self {
+            Self::Array(_) => true,
+            Self::Text(text) => text.trim_start().starts_with('['),
+            _ => false,
+        }
+    }
+
+    /// The values of an array with these dimensions, row by row.
+    ///
+    /// # Errors
+    /// It has another shape; the error has both.
+    pub(crate) fn elements(&self, dimensions: &[usize], name: &str) -> Result<Vec<Self>> {
+        let shape =
+            |lengths: &[usize]| Vec::from_iter(lengths.iter().map(usize::to_string)).join(" x ");
+        let expected = shape(dimensions);
+        if let Self::Text(text) = self {
+            let array = ValueDeserializer::parse(text).and_then(Self::deserialize).ok();
+            let array = array.with_context(|| {
+                format!("{name} = {self} is invalid; expected an array of {expected} values")
+            })?;
+            return array.elements(dimensions, name);
+        }
+        let given = self.shape();
+        let values = match &given {
+            Some(given) => shape(given),
+            None => "lists of different lengths".to_owned(),
+        };
+        let is_same = given.as_deref() == Some(dimensions);
+        ensure!(is_same, "{name} = {self}: values: {values}, expected {expected}");
+        let mut values = vec![self.clone()];
+        for _ in dimensions {
+            let lists = values.into_iter();
+            values = lists.flat_map(|v| if let Self::Array(v) = v { v } else { vec![v] }).collect();
+        }
+        Ok(values)
+    }
+
+    /// The lengths of nested arrays; `None` if those of one level differ.
+    fn shape(&self) -> Option<Vec<usize>> {
+        let Self::Array(values) = self else { return Some(Vec::new()) };
+        let mut shapes = values.iter().map(Self::shape);
+        let first = shapes.next().unwrap_or_else(|| Some(Vec::new()))?;
+        let are_same = shapes.all(|shape| shape.as_ref() == Some(&first));
+        are_same.then(|| [vec![values.len()], first].concat())
+    }
+
     /// The value in the type of a variable, which is shown to the user as `name`.
     ///
     /// # Errors
@@ -253,7 +358,7 @@ impl Written {
             (Type::Enumeration, Self::Text(text)) => variable.value(text),
             (Type::Enumeration, Self::Integer(number)) => variable.value(&number.to_string()),
             (kind, _) if kind.is_float() => self.real().and_then(|real| Value::real(kind, real)),
-            (kind, Self::Integer(number)) => Value::whole(kind, (*number).into()),
+            (kind, Self::Integer(number)) => Value::whole(kind, *number),
             (kind, Self::Text(text)) => text.parse().ok().and_then(|n| Value::whole(kind, n)),
             _ => None,
         };
@@ -273,7 +378,7 @@ impl Written {
             Self::Real(value) => Some(*value),
             Self::Integer(value) => Some(*value as f64),
             Self::Text(text) => text.parse().ok(),
-            Self::Boolean(_) => None,
+            Self::Boolean(_) | Self::Array(_) => None,
         }
     }
 }
@@ -559,7 +664,7 @@ fn in_value(value: &DeValue<'_>, start: usize, word: &str) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::assignment;
+    use super::{Written, assignment};
 
     #[test]
     fn a_value_follows_the_first_equals_sign_outside_a_quoted_name() {
@@ -569,5 +674,33 @@ mod tests {
         assert_eq!(assignment("p.it's=1").unwrap(), pair("p.it's", "1"));
         assert_eq!(assignment("p.it's=a'b=c").unwrap(), pair("p.it's", "a'b=c"));
         assert!(assignment("p.'a'").is_err());
+    }
+
+    #[test]
+    fn an_array_is_written_as_a_list_or_its_text_and_must_have_the_shape() {
+        let integer = |n: i128| Written::Integer(n);
+        let text = |text: &str| Written::Text(text.to_owned());
+        let list = Written::Array(vec![
+            Written::Array(vec![integer(1), integer(2), integer(u64::MAX.into())]),
+            Written::Array(vec![Written::Real(4.5), Written::Boolean(true), text("a")]),
+        ]);
+        let all = Vec::from_iter([1, 2, u64::MAX.into()].map(integer));
+        let all = [all, vec![Written::Real(4.5), Written::Boolean(true), text("a")]].concat();
+        let written = text("[[1, 2, 18446744073709551615], [4.5, true, 'a']]");
+        for array in [&list, &written] {
+            assert_eq!(array.elements(&[2, 3], "m").unwrap(), all);
+        }
+        let refused = |value: &Written| value.elements(&[3, 2], "m").unwrap_err().to_string();
+        assert!(refused(&list).ends_with(", \"a\"]]: values: 2 x 3, expected 3 x 2"));
+        assert!(refused(&written).ends_with(", \"a\"]]: values: 2 x 3, expected 3 x 2"));
+        for (value, reason) in [
+            ("[1, 2, 3, 4, 5, 6]", "m = [1, 2, 3, 4, 5, 6]: values: 6, expected 3 x 2"),
+            ("[]", "m = []: values: 0, expected 3 x 2"),
+            ("[[1], [2, 3], 4]", "values: lists of different lengths, expected 3 x 2"),
+            ("[1, 2, 3, 4, 5, 6, 7, 8, 9]", "m = [1, 2, 3, 4, 5, 6, 7, 8, ..]: values: 9,"),
+            ("[1", "m = \"[1\" is invalid; expected an array of 3 x 2 values"),
+        ] {
+            assert!(refused(&text(value)).contains(reason), "{}", refused(&text(value)));
+        }
     }
 }

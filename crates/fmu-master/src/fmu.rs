@@ -273,12 +273,17 @@ impl Fmu {
         }
     }
 
+    /// The index of a scalar, if there is one of this name.
+    pub(crate) fn scalar(&self, name: &str) -> Option<usize> {
+        self.index.get(name).copied()
+    }
+
     /// The index of a scalar.
     ///
     /// # Errors
     /// There is no such variable; the error names similar ones.
     pub(crate) fn find(&self, name: &str) -> Result<usize> {
-        if let Some(&index) = self.index.get(name) {
+        if let Some(index) = self.scalar(name) {
             return Ok(index);
         }
         let names = Vec::from_iter((0..self.scalars.len()).map(|scalar| self.name(scalar)));

@@ -1,10 +1,11 @@
 //! A loaded and checked system, ready to simulate.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
 use fmu_host::Kind;
 
@@ -35,11 +36,11 @@ pub struct Plan {
     pub notes: Vec<String>,
 }
 
-/// A start value that fits its variable.
+/// A start value that fits its variable: of a scalar, or of all elements of an array.
 #[derive(Debug, Clone)]
 pub struct Start {
-    port: Port,
-    value: Value,
+    component: usize,
+    values: Vec<(usize, Value)>,
 }
 
 impl Plan {
@@ -193,7 +194,18 @@ impl Plan {
     /// # Errors
     /// There is no such variable, the value has the wrong type, or another value replaces it.
     pub fn start(&self, name: &str, value: &Written) -> Result<Start> {
-        let port = port(&self.components, name)?;
+        let (component, own) = resolve(&self.components, name, |_, own| Ok(own.to_owned()))?;
+        let fmu = &self.components[component].fmu;
+        let assigned = assigned(fmu, &own, name, value)?.into_iter();
+        let values = assigned.map(|Assigned { scalar, name, value }| {
+            self.check_free(Port { component, scalar }, &name, &value)?;
+            Ok((scalar, start(fmu, scalar, &name, &value)?))
+        });
+        Ok(Start { component, values: values.collect::<Result<_>>()? })
+    }
+
+    /// Checks that a start value has an effect in a single run.
+    fn check_free(&self, port: Port, name: &str, value: &Written) -> Result<()> {
         let link = self.links.iter().find(|link| link.to == port);
         if let Some(Link { from, .. }) = link {
             let from = from.name(&self.components);
@@ -208,9 +220,7 @@ impl Plan {
             port.of(&self.components).causality != Causality::StructuralParameter,
             "{name} = {value} cannot be set for single runs, as it is the size of arrays; expected it in the start values of the system"
         );
-        let fmu = &self.components[port.component].fmu;
-        let value = start(fmu, port.scalar, name, value)?;
-        Ok(Start { port, value })
+        Ok(())
     }
 
     /// Whether a variable, `component.variable`, is a structural parameter.
@@ -228,9 +238,9 @@ impl Plan {
         others: &'a [Start],
     ) -> BTreeMap<usize, &'a Value> {
         let own = self.components[component].starts.iter();
-        let others = others.iter().filter(|start| start.port.component == component);
-        let others = others.map(|start| (start.port.scalar, &start.value));
-        own.map(|(index, value)| (*index, value)).chain(others).collect()
+        let others = others.iter().filter(|start| start.component == component);
+        let all = own.chain(others.flat_map(|start| &start.values));
+        all.map(|(scalar, value)| (*scalar, value)).collect()
     }
 
     /// The stop time of the FMUs: the one of the run, or one step later if there are sampled components,
@@ -309,7 +319,7 @@ impl Planned {
         let mut sizes = Sizes::new();
         for (name, value) in &component.start {
             // Names of other elements may exist only with these sizes.
-            let Ok(scalar) = fmu.find(name) else { continue };
+            let Some(scalar) = fmu.scalar(name) else { continue };
             if fmu.variable(scalar).causality == Causality::StructuralParameter {
                 let value = start(&fmu, scalar, &full(name), value)?;
                 sizes.extend(value.as_whole().map(|size| (name.clone(), size)));
@@ -318,18 +328,19 @@ impl Planned {
         if !sizes.is_empty() {
             fmu = open(sizes)?;
         }
-        let starts = component.start.iter().map(|(name, value)| {
-            let full = full(name);
-            let index = fmu.find(name).with_context(|| full.clone())?;
-            Ok((index, start(&fmu, index, &full, value)?))
-        });
+        let mut starts = Vec::new();
+        for (name, value) in &component.start {
+            for Assigned { scalar, name, value } in assigned(&fmu, name, &full(name), value)? {
+                starts.push((scalar, start(&fmu, scalar, &name, &value)?));
+            }
+        }
         Ok(Self {
             name: component.name.clone(),
             prefix: format!("{}.", component.name),
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             is_guess: component.sampled.is_none() && component.function.is_none(),
             tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
-            starts: starts.collect::<Result<_>>()?,
+            starts,
             fmu,
         })
     }
@@ -397,6 +408,37 @@ fn is_sampled(fmu: &Fmu) -> bool {
     let outputs = fmu.variables.iter().filter(|v| v.causality == Causality::Output);
     let mut outputs = outputs.peekable();
     outputs.peek().is_some() && outputs.all(|v| v.variability == Variability::Discrete)
+}
+
+/// What a scalar gets, which messages show by this name.
+pub(crate) struct Assigned<'a> {
+    pub(crate) scalar: usize,
+    pub(crate) name: Cow<'a, str>,
+    pub(crate) value: Cow<'a, Written>,
+}
+
+/// What a scalar gets, or each element of an array, by a value that messages show as one for `full`.
+///
+/// # Errors
+/// There is no such variable, or the shapes differ.
+pub(crate) fn assigned<'a>(
+    fmu: &Fmu,
+    name: &str,
+    full: &'a str,
+    value: &'a Written,
+) -> Result<Vec<Assigned<'a>>> {
+    let found = |error: Error| if name == full { error } else { error.context(full.to_owned()) };
+    if fmu.scalar(name).is_some() || !value.is_array() {
+        let scalar = fmu.find(name).map_err(found)?;
+        return Ok(vec![Assigned { scalar, name: full.into(), value: Cow::Borrowed(value) }]);
+    }
+    let scalars = fmu.find_all(name).map_err(found)?;
+    let values = value.elements(&fmu.variable(scalars.start).dimensions, full)?;
+    let element = |(scalar, value)| {
+        let name = format!("{full}{}", &fmu.name(scalar)[name.len()..]);
+        Assigned { scalar, name: name.into(), value: Cow::Owned(value) }
+    };
+    Ok(scalars.zip(values).map(element).collect())
 }
 
 fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value> {

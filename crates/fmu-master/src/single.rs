@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::component::{Called, Component};
 use crate::exchange::Exchange;
-use crate::plan::Planned;
+use crate::plan::{Assigned, Planned, assigned};
 use crate::run::Failed;
 use crate::wiring::{Wired, accessor};
 use crate::{Description, Interface, Messages, Plan, Written};
@@ -129,12 +129,21 @@ impl Names {
         self.0.fmu.find_all(name)
     }
 
-    /// A value in the type of a variable.
+    /// The values of a scalar, or of all elements of an array, in their types.
     ///
     /// # Errors
-    /// It does not fit.
-    pub fn typed(&self, scalar: usize, value: &Written) -> Result<Value> {
-        value.typed(self.0.fmu.variable(scalar), &self.0.fmu.name(scalar))
+    /// There is no such variable, or the value does not fit.
+    pub fn typed(&self, name: &str, value: Written) -> Result<Vec<(usize, Value)>> {
+        let fmu = &self.0.fmu;
+        let value = match fmu.scalar(name).is_some() || value.is_array() {
+            true => value,
+            false => Written::Array(vec![value]),
+        };
+        let typed = assigned(fmu, name, name, &value)?.into_iter();
+        let typed = typed.map(|Assigned { scalar, name, value }| {
+            Ok((scalar, value.typed(fmu.variable(scalar), &name)?))
+        });
+        typed.collect()
     }
 }
 

@@ -16,7 +16,7 @@ use fmu_master::{Call, Column, Experiment, Message, Messages};
 use fmu_worker::{Limits, Owned, Worker, available_memory};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyString, PyTuple};
+use pyo3::types::{PyByteArray, PyDict, PyString, PyTuple};
 
 use crate::columns::{Columns, from_python, to_python};
 use crate::job::{Job, Loaded, System, given};
@@ -191,15 +191,26 @@ pub fn compare<'py>(
 /// The values of a column.
 type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
 
-/// The start time, stop time and step (s) of a system, and the number of its communication points.
+/// The start time, stop time and step (s) of a system.
 #[pyfunction]
-pub fn times(py: Python<'_>, system: &str) -> PyResult<(f64, f64, f64, u64)> {
+pub fn times(py: Python<'_>, system: &str) -> PyResult<(f64, f64, f64)> {
+    let Experiment { start, stop, step } = experiment(py, system)?;
+    Ok((start, stop, step))
+}
+
+/// The communication points of a system (s) and the one after the last, as bytes.
+#[pyfunction]
+pub fn points<'py>(py: Python<'py>, system: &str) -> PyResult<Bound<'py, PyByteArray>> {
+    let experiment = experiment(py, system)?;
+    let points = (0..=experiment.steps().map_err(error)?).map(|k| experiment.time(k));
+    let bytes = Vec::from_iter(points.flat_map(f64::to_ne_bytes));
+    Ok(PyByteArray::new(py, &bytes))
+}
+
+fn experiment(py: Python<'_>, system: &str) -> PyResult<Experiment> {
     let system: System = given(system).map_err(error)?;
     let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
-    let plan = py.detach(|| system.plan(&never)).map_err(error)?;
-    let experiment = plan.0.experiment;
-    let Experiment { start, stop, step } = experiment;
-    Ok((start, stop, step, experiment.steps().map_err(error)?))
+    Ok(py.detach(|| system.plan(&never)).map_err(error)?.0.experiment)
 }
 
 pub fn error(error: anyhow::Error) -> PyErr {

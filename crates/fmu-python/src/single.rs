@@ -14,7 +14,9 @@ use fmu_worker::{Event, Owned, Record, Worker};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedStr;
 use pyo3::sync::MutexExt;
+use pyo3::types::PyList;
 
 use crate::columns::{from_python, to_python};
 use crate::job::{Job, given};
@@ -78,11 +80,11 @@ impl Instance {
     }
 
     fn typed(&self, values: Values<'_>) -> PyResult<Vec<(usize, Value)>> {
-        let typed = values.into_iter().map(|(scalar, value)| {
-            let typed = self.names.typed(scalar, &written(&value)?).map_err(error)?;
-            Ok((scalar, typed))
-        });
-        typed.collect()
+        let mut typed = Vec::with_capacity(values.len());
+        for (name, value) in values {
+            typed.extend(self.names.typed(&name, written(&value)?).map_err(error)?);
+        }
+        Ok(typed)
     }
 }
 
@@ -124,19 +126,28 @@ fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Answe
     })
 }
 
+/// A value, or an array as a list.
 fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
+    if let Ok(list) = value.cast::<PyList>() {
+        let values = list.iter().map(|value| written(&value));
+        return Ok(Written::Array(values.collect::<PyResult<_>>()?));
+    }
     Ok(match from_python(value)? {
         Value::Boolean(value) => Written::Boolean(value),
-        Value::Int64(value) => Written::Integer(value),
         Value::String(text) => Written::Text(text),
-        number => Written::Real(number.as_real().ok_or_else(|| {
-            PyTypeError::new_err(format!("{value} is not a number, Boolean or string"))
-        })?),
+        number => match (number.as_whole(), number.as_real()) {
+            (Some(whole), _) => Written::Integer(whole),
+            (_, Some(real)) => Written::Real(real),
+            _ => {
+                let text = format!("{value} is not a number, Boolean or string");
+                return Err(PyTypeError::new_err(text));
+            }
+        },
     })
 }
 
-/// Values of scalars, by their numbers.
-type Values<'py> = Vec<(usize, Bound<'py, PyAny>)>;
+/// Values of variables, by their names.
+type Values<'py> = Vec<(PyBackedStr, Bound<'py, PyAny>)>;
 
 /// A variable as Python gets it: name, causality, variability, type, unit, start values, description, dimensions.
 type Described<'py> = (
@@ -211,6 +222,11 @@ impl Instance {
 
     fn initialize<'py>(&self, py: Python<'py>, values: Values<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.ask(py, Ask::Initialize(self.typed(values)?))
+    }
+
+    /// Checks that values fit their variables.
+    fn check(&self, values: Values<'_>) -> PyResult<()> {
+        self.typed(values).map(drop)
     }
 
     fn step<'py>(&self, py: Python<'py>, size: f64) -> PyResult<Bound<'py, PyAny>> {

@@ -319,17 +319,21 @@ fn together<'de, D: Deserializer<'de>>(
 
 /// Listed values. Whole numbers are real numbers, too, unless one is too large for that.
 fn listed(written: Vec<Written>) -> Result<Vec<Value>> {
-    let is_exact = |number: i64| (number as f64) as i128 == i128::from(number);
-    let is_real = |value: &Written| !matches!(value, Written::Integer(n) if !is_exact(*n));
-    let are_real = written.iter().all(is_real);
+    let whole = |value: &Written| if let Written::Integer(n) = value { Some(*n) } else { None };
+    let is_real = |number: i128| (number as f64) as i128 == number;
+    let are_real = written.iter().filter_map(whole).all(is_real);
+    let largest = written.iter().filter_map(whole).max().unwrap_or_default();
+    let kind = if i64::try_from(largest).is_ok() { Type::Int64 } else { Type::UInt64 };
     let values = written.into_iter().map(|value| match value {
-        Written::Boolean(value) => Value::Boolean(value),
-        Written::Integer(number) if !are_real => Value::Int64(number),
-        Written::Integer(number) => Value::Float64(number as f64),
-        Written::Real(number) => Value::Float64(number),
-        Written::Text(text) => Value::String(text),
+        Written::Boolean(value) => Ok(Value::Boolean(value)),
+        Written::Integer(number) if are_real => Ok(Value::Float64(number as f64)),
+        Written::Integer(number) => Value::whole(kind, number)
+            .with_context(|| format!("the value {number}, expected {}", expected(kind))),
+        Written::Real(number) => Ok(Value::Float64(number)),
+        Written::Text(text) => Ok(Value::String(text)),
+        Written::Array(_) => bail!("expected a number, true, false or a quoted string"),
     });
-    let values = Vec::from_iter(values);
+    let values = values.collect::<Result<Vec<_>>>()?;
     let first = values.first();
     let first = first.context("values = [], expected at least one")?;
     for value in &values {
@@ -494,6 +498,8 @@ mod tests {
         let expected = [1, 9_007_199_254_740_993].map(Value::Int64);
         assert_eq!(values(&large, 0), expected);
         assert_eq!(large.columns().next().unwrap().kind, Type::Int64);
+        let larger = read("[p]; values = [1, 18446744073709551615]").unwrap();
+        assert_eq!(values(&larger, 0), [1, u64::MAX].map(Value::UInt64));
     }
 
     #[test]
@@ -565,6 +571,7 @@ mod tests {
             [p]; values = [] => values = [], expected at least one
             [p]; values = [1, nan] => the value NaN, expected finite numbers
             [p]; values = [1, true] => the value true, expected a number like the first one
+            [p]; values = [-1, 18446744073709551615] => the value -1, expected a whole number from 0 to
             [p]; values = ['a', 1] => the value 1.0, expected a string like the first one
             [p]; values = [\"a\\n\"] => the value \"a\\n\", expected no control characters
             [p]; values = [[1]] => expected a number, true, false or a quoted string

@@ -543,7 +543,7 @@ fn numbers(row: &Row, places: &[Place; 4]) -> [f64; 4] {
 fn written(value: &Value) -> Written {
     match value {
         // Integer parameters accept it too.
-        Value::Float64(n) if n.fract() == 0.0 && n.abs() < 1e15 => Written::Integer(*n as i64),
+        Value::Float64(n) if n.fract() == 0.0 && n.abs() < 1e30 => Written::Integer(*n as i128),
         Value::Float64(n) => Written::Real(*n),
         value => Written::Text(value.to_string()),
     }

@@ -5,27 +5,32 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 
+def plain(value: Any) -> Any:
+    """Return an array as lists, whose whole numbers keep all their digits; other values as is."""
+    if isinstance(value, list | tuple | range):
+        return [plain(part) for part in value]
+    return np.asarray(value).tolist() if hasattr(value, "__array__") else value
+
+
 def toml(value: Any) -> str:
     """Return a value as TOML; tables have no keys for None."""
-    match value:
-        case bool() | np.bool_():
+    match plain(value):
+        case bool():
             return "true" if value else "false"
         case Mapping():
             return f"{{ {', '.join(_pairs(value))} }}"
-        case np.ndarray():
-            return toml(value.tolist())
-        case list() | tuple():
-            return f"[{', '.join(map(toml, value))}]"
-        case int() | np.integer():
-            return str(int(value))
-        case float() | np.floating():
-            return repr(float(value))
+        case list() as parts:
+            return f"[{', '.join(map(toml, parts))}]"
+        case int() as number:
+            return str(int(number))
+        case float() as number:
+            return repr(float(number))
         case str() | os.PathLike():
             return json.dumps(os.fspath(value), ensure_ascii=False).replace("\x7f", "\\u007F")
     raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
@@ -66,27 +71,35 @@ def columns(table: Any) -> dict[str, Any]:
     return found
 
 
-def points(start: float, step: float, count: int) -> np.ndarray:
-    """Return the communication points [s], and the one after the stop time."""
-    return start + np.arange(count + 1) * step
+def column(values: Any) -> list[Any]:
+    """Return the values of a column as a list."""
+    array = values if hasattr(values, "dtype") else np.array(values, object)
+    return list(np.ravel(array).tolist())
 
 
-def elements(values: Mapping[str, Any] | None) -> Iterator[tuple[str, Any]]:
-    """Return start values by name; those of arrays by the names of the elements."""
+def array(values: Any) -> np.ndarray:
+    """Return an array; of objects, if some are whole numbers that a float would round."""
+    found = np.asarray(values)
+    if hasattr(values, "dtype") or found.dtype.kind != "f":
+        return found
+    whole = [value for value in values if isinstance(value, int)]
+    if whole and len(whole) == len(values):
+        # NumPy takes floats for numbers of Int64 and UInt64.
+        return np.array(values, np.uint64 if min(whole) >= 0 else object)
+    is_exact = all(int(float(value)) == value for value in whole)
+    return found if is_exact else np.array(values, object)
+
+
+def named(values: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return start values by name."""
     if values is None:
-        return
-    names = values.keys() if hasattr(values, "keys") else (None,)
+        return {}
+    names = values.keys() if hasattr(values, "keys") else [None]
     if not all(isinstance(name, str) for name in names):
         raise TypeError(f"start values {values!r}, expected a dict from names to values")
-    for name, value in values.items():
-        if isinstance(value, float | int | str) or np.ndim(value) == 0:
-            yield name, value
-            continue
-        for index, element in np.ndenumerate(value):
-            yield f"{name}[{','.join(str(i + 1) for i in index)}]", element
+    return dict(values)
 
 
 def texts(values: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """Return start values as texts."""
-    pairs = elements(values)
-    return [(n, v if isinstance(v, str) else toml(v)) for n, v in pairs]
+    return [(n, v if isinstance(v, str) else toml(v)) for n, v in named(values).items()]

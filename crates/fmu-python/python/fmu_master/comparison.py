@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from . import _native
 from ._values import columns, one_or_more
 from .result import FmuError, Result, read
@@ -138,4 +136,4 @@ def _result(table: Table) -> Result:
         return read(table)
     found = columns(table)
     first = {"time": found["time"]} | found
-    return Result.of({name: np.asarray(column) for name, column in first.items()}, {"time": "s"})
+    return Result.of(first, {"time": "s"})

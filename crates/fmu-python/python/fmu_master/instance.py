@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
-from ._values import document, elements, texts
+from ._values import array, document, plain, texts
 from .result import FmuError
 
 
@@ -136,8 +136,7 @@ class Instance:
     def initialize(self) -> None:
         """Initialize the FMU with the start values, unless it is initialized."""
         if not self._is_initialized:
-            values = self._values(dict(self._starts))
-            self._time = self._native.initialize(values)
+            self._time = self._native.initialize(_plain(self._starts))
             self._is_initialized = True
 
     def step(self, step_size: float) -> None:
@@ -149,8 +148,8 @@ class Instance:
         """Return the value of a variable, or an array of the values of several."""
         if isinstance(names, str):
             values = self.get_list((names,))
-            return values[0] if len(values) == 1 else np.array(values)
-        return np.array(self.get_list(names))
+            return values[0] if len(values) == 1 else array(values)
+        return array(self.get_list(names))
 
     def get_list(self, names: Iterable[str]) -> list[Any]:
         """Return the values of variables, in their types."""
@@ -161,14 +160,14 @@ class Instance:
     def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
         """Set a variable, or all variables of a mapping; before initialization, start values."""
         values = {name: value} if isinstance(name, str) else name
-        scalars = self._values(values)
-        if not self._is_initialized:
+        if self._is_initialized:
+            self._native.set(_plain(values))
+        else:
+            self._native.check(_plain(values))
             for part in self.variables.keys() & values.keys():
                 if self.variables[part].causality == "structuralParameter":
                     raise FmuError(f"{part} is a structural parameter, expected in `start_values`")
             self._starts |= values
-        else:
-            self._native.set(scalars)
 
     def save(self) -> State:
         """Save the state of the FMU, which can be restored any number of times."""
@@ -210,16 +209,6 @@ class Instance:
             self._scalars[name] = list(range(*self._native.find(name)))
         return self._scalars[name]
 
-    def _values(self, values: Mapping[str, Any]) -> list[tuple[int, Any]]:
-        scalars = []
-        for name, value in values.items():
-            numbers = self._numbers(name)
-            # The usual case.
-            if isinstance(value, float) and len(numbers) == 1:
-                scalars.append((numbers[0], value))
-                continue
-            parts = [(self._numbers(part)[0], v) for part, v in elements({name: value})]
-            if len(parts) != len(numbers):
-                raise FmuError(f"{name} = {value}: values: {len(parts)}, expected {len(numbers)}")
-            scalars += parts
-        return scalars
+
+def _plain(values: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    return [(n, v if isinstance(v, float) else plain(v)) for n, v in values.items()]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ._values import points
 from .result import FmuError
 from .system import System
 
@@ -30,8 +29,8 @@ def respond(
     A pulse lasts one communication step and adds to what the input has. The responses, in the unit
     of the output per unit of the input, have the axes sample, output and input.
     """
-    start, stop, step, count = system._check({})
-    times = points(start, step, count)
+    start, stop, step = system.times()
+    times = system._points()
     index = 0 if time is None else round((time - start) / step)
     if not 0 <= index < len(times) - 2:
         raise FmuError(f"time = {time}, expected one from {start} s to before {stop} s")

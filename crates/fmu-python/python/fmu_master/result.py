@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from . import _native
-from ._values import one_or_more
+from ._values import array, one_or_more
 
 if TYPE_CHECKING:
     import pandas
@@ -112,7 +112,7 @@ class Result(Mapping[str, np.ndarray]):
     def of(cls, columns: Mapping[str, Any], units: Mapping[str, str]) -> Self:
         """Return a result of columns of numbers by name, "time" first."""
         result = cls(())
-        result._columns = {name: np.asarray(column) for name, column in columns.items()}
+        result._columns = {name: array(column) for name, column in columns.items()}
         result.units = dict(units)
         return result
 
@@ -215,7 +215,7 @@ def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
     # Of the columns that may have no values, only that of the failures has texts.
     if any(isinstance(cell, str) for cell in cells) or name == "failure":
         return np.array(cells, object)
-    return np.array([np.nan if cell is None else cell for cell in cells])
+    return array([np.nan if cell is None else cell for cell in cells])
 
 
 def _array(kind: str, data: Any) -> np.ndarray:

@@ -11,10 +11,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ._command import COMMAND
-from ._values import columns, document
+from ._values import columns, document, plain
 from .result import FmuError, Result, read
 from .system import System
 
@@ -179,5 +177,5 @@ def _plan(plan: Any) -> dict[str, Any]:
     table = columns(plan)
     if "parameter" in table:
         return table
-    lists = [np.asarray(values).tolist() for values in table.values()]
+    lists = [plain(values) for values in table.values()]
     return {"parameter": [{"variables": list(table), "together": lists}]}

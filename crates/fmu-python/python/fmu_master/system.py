@@ -17,7 +17,7 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
-from ._values import columns, document, elements, one_or_more, points, texts, toml
+from ._values import column, columns, document, named, one_or_more, texts, toml
 from .components import PythonComponent
 from .result import FmuError, Result
 
@@ -106,15 +106,16 @@ class System:
 
     def times(self) -> tuple[float, float, float]:
         """Return the start time, the stop time and the communication step [s]."""
-        start, stop, step, _ = self._check({})
-        return start, stop, step
+        return self._check({})
 
-    def _check(
-        self, start_values: Mapping[str, Any], **changes: Any
-    ) -> tuple[float, float, float, int]:
-        """Raise what a run would before its first step; return times and number of points."""
+    def _check(self, start_values: Mapping[str, Any], **changes: Any) -> tuple[float, float, float]:
+        """Raise what a run would before its first step; return the times."""
         changes["outputs"] = one_or_more(changes.get("outputs") or ())
         return _native.times(self._given(changes, texts(start_values)))
+
+    def _points(self) -> np.ndarray:
+        """Return the communication points [s], and the one after the stop time."""
+        return np.frombuffer(_native.points(self._given({})))
 
     def _given(self, changes: Mapping[str, Any], sets: Sequence[tuple[str, str]] = ()) -> str:
         """Return what the native module needs of the system."""
@@ -300,7 +301,7 @@ def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         if isinstance(table.get("fmu"), str | os.PathLike):
             table["fmu"] = folder / table["fmu"]
         if "start" in table:
-            table["start"] = dict(elements(table["start"]))
+            table["start"] = named(table["start"])
     return normal
 
 
@@ -312,16 +313,15 @@ def _input_file(given: Input, system: str) -> Iterator[Path]:
         return
     table = columns(given)
     if "time" in table:
-        time = np.ravel(table["time"]).tolist()
+        time = column(table["time"])
     elif all(map(callable, table.values())):
-        start, _, step, count = _native.times(system)
-        time = points(start, step, count).tolist()
+        time = np.frombuffer(_native.points(system)).tolist()
     else:
         raise FmuError(f"input = {', '.join(table)}, expected also a column time [s]")
     units = given.units if isinstance(given, Result) else {}
     lists = {}
     for name, values in ({"time": time} | table).items():
-        cells = [values(t) for t in time] if callable(values) else np.ravel(values).tolist()
+        cells = [values(t) for t in time] if callable(values) else column(values)
         if len(cells) != len(time):
             raise FmuError(f"input {name}: {len(cells)} values, expected {len(time)}")
         lists[f"{name} [{units[name]}]" if units.get(name) else name] = cells
