@@ -38,7 +38,7 @@ GROUPS := test importers lint portable bench judge wheel setup
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
 .PHONY: help demo paper plot check test lint msrv report bench program fmus module native ssp judge importers portable cross \
-	merged wasm sandbox page system valgrind elsewhere conformance package wheel semver fuzz lock clean
+	merged wasm sandbox page system optional valgrind elsewhere conformance package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
 ## help: list the jobs
@@ -179,7 +179,12 @@ conformance: fmus $(VENV)/.test
 ## system: install the system packages for optional tests with apt-get, as root
 system:
 	$(call apt,chromium,chromium)
+	$(call apt,node,nodejs)
 	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
+
+## optional: run the tests that `make test` skips without the packages of `make system`
+optional: fmus module page $(VENV)/.test
+	$(RUN) -m pytest -m needs --numprocesses auto --dist loadfile
 
 ## valgrind: run the C hosts under valgrind, installed with apt-get
 valgrind: fmus $(VENV)/.test

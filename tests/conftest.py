@@ -15,6 +15,11 @@ from typing import TYPE_CHECKING
 import pytest
 from filelock import FileLock
 
+from needs import (  # noqa: F401, hooks
+    pytest_collection_modifyitems,
+    pytest_runtest_setup,
+    pytest_terminal_summary,
+)
 from pendulum_fmus import table1
 from pendulum_fmus.loop import Columns, Loop
 from pendulum_fmus.master import Component
@@ -177,8 +182,8 @@ def browser() -> Iterator["Browser"]:
     # Some workflows run tests without Playwright.
     from playwright.sync_api import sync_playwright
 
-    chromium = shutil.which("chromium") or pytest.skip("no `chromium`: `make system` installs it")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        chromium = playwright.chromium
+        browser = chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         yield browser
         browser.close()

@@ -5,11 +5,9 @@ step, and `controller.u` of the sample taken there, after the step.
 """
 
 from collections.abc import Iterator
-from ctypes.util import find_library
 from pathlib import Path
 
 import numpy as np
-import pytest
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
 from libcosimpy.CosimExecution import CosimExecution
@@ -54,8 +52,6 @@ def _parameters(package: Path) -> Iterator[Parameter]:
 
 def by_ecos(package: Path, step: float, steps: int) -> Results:
     """Simulate from 0 s with Ecos."""
-    if not find_library("tbb"):
-        pytest.skip("`make system` installs libtbb")
     import ecospy as ecos  # loads libtbb
 
     ecos.EcosLib.set_log_level("warn")

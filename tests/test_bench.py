@@ -12,9 +12,13 @@ from pathlib import Path
 import pytest
 
 from native import ROOT, simulate
+from needs import CHROMIUM, NODE, Tool
 from test_package import MODELS
 
 PAGE = ROOT / "docs" / "speed.md"
+
+ENGINES = (NODE, CHROMIUM)
+"""Engines that are measured where they are installed, in the order of their columns."""
 
 PLACE = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- / -->", re.DOTALL)
 """A part of the page that is generated."""
@@ -69,16 +73,28 @@ def test_the_page_has_what_was_measured(
         assert f"| `{model}`" in texts["cycle"]
         assert f"| component of `{model}` |" in texts["page"]
     assert f"| {round(page_file.stat().st_size / 1000)} KB |" in texts["page"]
+    engines = "".join(r" \S+ .s \|" if tool.there() else r" \|" for tool in ENGINES)
     for model in ("Pid", "PidRbf", "IpidRbf", "Pendulum"):
-        assert re.search(
-            rf"`{model}` \| \| \|( \S+ .s \|){{2}}\n", texts["engines"]
-        )  # Node, Chromium
+        assert re.search(rf"`{model}` \| \| \|{engines}\n", texts["engines"])
     assert texts["versions"].count("at most") == 10
     # `make bench` installs the others.
     others = [name for name in ("libcosim", "fmuloader") if find_spec(measure.OTHERS[name])]
     assert all(f"\n| {name} | " in texts["masters"] for name in ("FMPy", *others))
     assert len(re.findall(r"loops in .*(met|missed|unclear) \|", texts["module"])) == 2
     assert all((tmp_path / name).exists() for name in re.findall(r"\]\((\S+svg)\)", after)[1:])
+
+
+@pytest.mark.parametrize(
+    "engine", [pytest.param(tool, marks=tool.mark, id=tool.name) for tool in ENGINES]
+)
+def test_an_engine_is_measured(
+    engine: Tool, components: Path, page_file: Path, tmp_path: Path
+) -> None:
+    engines = importlib.import_module("engines")
+    found = engines.measure(tmp_path, quick=True)
+    assert all(min(found["costs"][f"{engine.name}/{name}"]) > 0 for name in engines.SIGNALS)
+    assert re.fullmatch(r"[\d.]+", found["versions"][engine.name])
+    assert engine is NODE or found["frames"]["rate"] > 0
 
 
 def test_what_is_worse_than_published_is_named(measure) -> None:

@@ -17,6 +17,7 @@ import pytest
 
 import native
 from native import run
+from needs import LIEF
 from pendulum_fmus.project import PROGRAM, ROOT
 from test_hosts import CROSS
 from test_package import FMI2_FUNCTIONS, FMI3_FUNCTIONS, MODELS
@@ -56,13 +57,21 @@ MACOS_EXPORTS = re.compile(r"__mh_dylib_header|___dso_handle|_rust_eh_personalit
 # Magic numbers of CS_SuperBlob and CS_CodeDirectory in Apple's headers
 SUPER_BLOB, CODE_DIRECTORY, AD_HOC, SHA256 = 0xFADE0CC0, 0xFADE0C02, 0x2, 2
 
-lief = pytest.importorskip("lief")
-lief.logging.disable()  # it warns about every table that a stripped library lacks
+if LIEF.there():
+    import lief
 
-pytestmark = pytest.mark.elsewhere
+    lief.logging.disable()  # it warns about every table that a stripped library lacks
+
+pytestmark = [pytest.mark.elsewhere, pytest.mark.usefixtures("reader")]
 
 each_model = pytest.mark.parametrize("model", [*MODELS, "PidRbf_fmi3", "Pendulum_fmi3"])
 each_folder = pytest.mark.parametrize("folder", BINARIES, ids=["cross", "aarch64"])
+
+
+@pytest.fixture(scope="module")
+def reader() -> None:
+    """Fail without lief, which reads the headers."""
+    LIEF.require()
 
 
 def fmu(model: str, folder: Path = CROSS) -> Path:

@@ -2,14 +2,13 @@
 
 import re
 import runpy
-import shutil
-from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
 
 import sweeps
 from native import OUTSIDE, new_package, shell
+from needs import LIBTBB, Tool
 from pendulum_fmus.project import ROOT
 
 PAGES = {
@@ -22,6 +21,21 @@ each_page = pytest.mark.parametrize("page", PAGES)
 
 BLOCK = re.compile(r"(?:`([\w.-]+/[\w./-]+)`:\n\n)?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 """A fenced block: its file, if the preceding text names one; language; text."""
+
+
+TOOLS = {"ecospy": LIBTBB}
+"""By a word of its programs: a tool that the README does not name."""
+
+
+def with_tools() -> list:
+    """Return each page, to run without tools; and again with a tool that its programs need."""
+    found = [
+        pytest.param(page, tool, marks=tool.mark, id=f"{page} with {tool.name}")
+        for word, tool in TOOLS.items()
+        for page, text in PAGES.items()
+        if any(word in block for _, language, block in BLOCK.findall(text) if language == "python")
+    ]
+    return [*(pytest.param(page, None, id=page) for page in PAGES), *found]
 
 
 def anchors(text: str) -> set[str]:
@@ -44,9 +58,13 @@ def test_links_and_files_exist(page: str) -> None:
             assert (ROOT / path).exists(), path
 
 
-@each_page
+@pytest.mark.parametrize(("page", "tool"), with_tools())
 def test_commands_and_programs_run(
-    page: str, program: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+    page: str,
+    tool: Tool | None,
+    program: Path,
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     """Run the commands of a page in order, except those that install something.
 
@@ -57,8 +75,6 @@ def test_commands_and_programs_run(
         r"^(make|cargo install|git clone|rustup) .*$": "",
         r"cargo fmu validate (?!.*(--quick|--no-run))": "cargo fmu validate --quick ",
         r"cargo fmu ": f"{program} ",
-        # Some machines have no debugger.
-        r"^gdb (.*\\\n)*.*$": r"\g<0>" if shutil.which("gdb") else "",
         r"examples/sweep": str(sweeps.shortened(tmp_path)),
         # A new package is prepared as by `native.prepare`.
         r"\bcd ([\w-]+)$": rf"cd \1 && cp {ROOT}/Cargo.lock . && ln -s {OUTSIDE} target",
@@ -73,9 +89,8 @@ def test_commands_and_programs_run(
             if path:
                 (folder / path).write_text(block, encoding="utf-8")
             elif language == "python":
-                if "ecospy" in block and not find_library("tbb"):
-                    pytest.skip("`make system` installs libtbb")
-                shell(f"target/venv/bin/python - <<'END'\n{block}END\n", folder)
+                if {needed for word, needed in TOOLS.items() if word in block} <= {tool}:
+                    shell(f"target/venv/bin/python - <<'END'\n{block}END\n", folder)
             elif language == "sh":
                 commands = block
                 for text, other in replacements.items():

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from fmpy.model_description import ModelVariable
 
+import needs
 from native import SECONDS, SOURCES, new_package, shell
 from pendulum_fmus import loop
 from pendulum_fmus.loop import TS
@@ -52,7 +53,7 @@ class Machine:
     """A machine: how to compile programs for it and run them on it."""
 
     name: str
-    remedy: str = "`make elsewhere` installs the requirements"
+    tools: tuple[needs.Tool, ...] = ()
     compiler: tuple[str, ...] = ("cc",)
     emulator: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ("-ldl", "-lm")
@@ -81,7 +82,7 @@ class Machine:
         """Unpack an FMU, by default an exported one, with its binary for the machine."""
         file = (fmus or self.fmus) / f"{model}.fmu"
         if not file.exists():
-            pytest.fail(f"{file} is missing: {self.remedy}", pytrace=False)
+            pytest.fail(f"{file} is missing: `make cross` exports it", pytrace=False)
         description = fmpy.read_model_description(file)
         platform = self.platforms[description.fmiVersion == "3.0"]
         extension = "dll" if "win" in platform else "so"
@@ -100,11 +101,11 @@ def _call(*command: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, timeout=SECONDS, **options)
 
 
-NATIVE = Machine("native", "a C compiler is needed")
+NATIVE = Machine("native")
 
 VALGRIND = Machine(
     "valgrind",
-    "`make valgrind` installs it",
+    (needs.VALGRIND,),
     emulator=(
         "valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full",
         "--errors-for-leak-kinds=definite,indirect",
@@ -114,6 +115,7 @@ VALGRIND = Machine(
 # Wine 8.0 lacks bcryptprimitives.dll, which seeds Rust's HashMap; the FMUs do not use one.
 WINDOWS = Machine(
     "windows",
+    (needs.MINGW, needs.WINE),
     compiler=("x86_64-w64-mingw32-gcc",),
     emulator=("wine",),
     libraries=(),
@@ -124,6 +126,7 @@ WINDOWS = Machine(
 
 ARM = Machine(
     "arm",
+    (needs.QEMU,),
     compiler=(sys.executable, "-m", "ziglang", "cc", "-target", "aarch64-linux-gnu.2.17"),
     emulator=("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"),
     fmus=CROSS / "aarch64",
@@ -162,9 +165,8 @@ def wine(folder: Path) -> Iterator[None]:
 def machine(request, fmus, tmp_path_factory) -> Iterator[Machine]:
     """Return each of the machines, started."""
     machine = request.param
-    for program in (machine.compiler[0], *machine.emulator[:1]):
-        if shutil.which(program) is None:
-            pytest.fail(f"`{program}` is not on the PATH: {machine.remedy}", pytrace=False)
+    for tool in machine.tools:
+        tool.require()
     if machine is not WINDOWS:
         yield machine
         return

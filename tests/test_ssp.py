@@ -24,6 +24,7 @@ from native import (
     write,
     write_system,
 )
+from needs import LIBTBB
 
 SYSTEMS = ROOT / "examples" / "ssp"
 NAMES = ["pid", "pid-rbf", "ipid-rbf", "supervised"]
@@ -257,7 +258,9 @@ def results(packages: Path, fmus: Path, ssp_columns, tmp_path_factory) -> dict:
     }
 
 
-@pytest.mark.parametrize("importer", [by_fmpy, by_ecos, by_libcosim])
+@pytest.mark.parametrize(
+    "importer", [by_fmpy, pytest.param(by_ecos, marks=LIBTBB.mark), by_libcosim]
+)
 @pytest.mark.parametrize("name", ["supervised", "other values"])
 def test_an_importer_equals_the_native_master_bit_for_bit(importer, name, results):
     package, ours = results[name]

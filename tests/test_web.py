@@ -2,7 +2,6 @@
 
 import base64
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import pytest
 import wasmtime
 from fmpy import read_model_description
 
+import needs
 import node
 from native import with_binary
 from pendulum_fmus.loop import PREVIOUS_SAMPLE_TERMS, TS, Loop
@@ -48,7 +48,6 @@ Coupled = Callable[[list[dict]], list[dict[str, str]]]
 
 def in_node() -> Coupled:
     """Return a function that couples FMUs in Node."""
-    shutil.which("node") or pytest.skip("there is no Node")
     files = {name: WASM / f"{name}_fmi3.fmu" for name in MODELS}
     return lambda loops: node.in_node(files, LOOP + NODE, loops)
 
@@ -88,7 +87,13 @@ def described(loop: Loop) -> dict:
     }
 
 
-@pytest.mark.parametrize("engine", ["node", "chromium"])
+@pytest.mark.parametrize(
+    "engine",
+    [
+        pytest.param("node", marks=needs.NODE.mark),
+        pytest.param("chromium", marks=needs.CHROMIUM.mark),
+    ],
+)
 def test_the_loops_of_table_1_have_the_bits_of_the_native_fmus(
     engine, request, components, table_results
 ):
