@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from math import sqrt
+from math import exp, inf, log, sqrt
 from pathlib import Path
 
 import fmpy
@@ -48,15 +48,16 @@ def test_the_pid_in_c_gives_the_same_bits(own_fmu: Path, fmus: Path, tmp_path: P
 CS, ME = {"fmi_type": "CoSimulation"}, {"fmi_type": "ModelExchange"}
 KINDS = {
     "FMI 2.0 CS": ("", CS),
+    "FMI 2.0 CS, native master": ("", "co-simulation"),
     "FMI 2.0 ME": ("", ME),
-    "FMI 2.0 ME, native master": ("", None),
+    "FMI 2.0 ME, native master": ("", "model-exchange"),
     "FMI 3.0 CS": ("_fmi3", CS),
     "FMI 3.0 CS with events": (
         "_fmi3",
         CS | {"use_event_mode": True, "early_return_allowed": True},
     ),
     "FMI 3.0 ME": ("_fmi3", ME),
-    "FMI 3.0 ME, native master": ("_fmi3", None),
+    "FMI 3.0 ME, native master": ("_fmi3", "model-exchange"),
 }
 
 
@@ -65,14 +66,18 @@ def simulated(request, equations: Path, tmp_path_factory):
     """Return a function that simulates a model with FMPy, or the native master."""
     ending, options = request.param
 
-    def call(model: str, start_values: dict[str, float] | None = None, **more: float):
+    def call(model: str, start_values: dict[str, float] | None = None, input=None, **more: float):
         fmu = equations / f"{model}{ending}.fmu"
-        if options:
-            return fmpy.simulate_fmu(fmu, start_values=start_values or {}, **options, **more)
+        if isinstance(options, dict):
+            more |= options
+            return fmpy.simulate_fmu(fmu, start_values=start_values or {}, input=input, **more)
+        folder = tmp_path_factory.mktemp("native")
         sets = [f"--set={name}={value}" for name, value in (start_values or {}).items()]
         sets += [f"--tolerance={tolerance}" for tolerance in more.values()]
-        folder = tmp_path_factory.mktemp("native")
-        return simulate(fmu, folder, "--interface=model-exchange", *sets)
+        if input is not None:
+            fmpy.util.write_csv(folder / "input.csv", input)
+            sets += ["--input", folder / "input.csv"]
+        return simulate(fmu, folder, f"--interface={options}", *sets)
 
     return call
 
@@ -131,6 +136,43 @@ def test_an_array_of_structs_has_the_solution_of_scipy(simulated) -> None:
     for i, level in enumerate(levels, 1):
         assert result[f"tank[{i}].level"] == pytest.approx(level, abs=1e-5)
     assert result["outflow"] == pytest.approx(0.25 * levels[2], abs=1e-5)
+
+
+def temperature(set_point: float, at: float, opened: float, closed: float) -> list[tuple]:
+    """Return the closed form of a thermostat: start [s], temperature [°C] there, its limit, time constant [s]."""
+    pieces, time, value, is_on, is_open = [], at, 20.0, True, False
+    while time < 100:
+        tau = 10 if is_open else 50
+        limit = 20 + tau * (0.5 if is_on else 0)
+        pieces.append((time, value, limit, tau))
+        threshold = set_point + (0.5 if is_on else -0.5)
+        ratio = (value - limit) / (threshold - limit)
+        switched = time + tau * log(ratio) if ratio > 1 else inf
+        change = min(t for t in (opened, closed, inf) if t > time)
+        until = min(switched, change)
+        value = limit + (value - limit) * exp(-(until - time) / tau)
+        if until == switched:
+            is_on = not is_on
+        else:
+            is_open = until == opened
+        time = until
+    return pieces
+
+
+def test_a_thermostat_switches_when_its_inputs_jump(simulated) -> None:
+    jumps = [10.0, 40.0, 50.0]
+    # FMPy applies a jump in the step that begins after it.
+    before, after, opened, closed = 0.0, *(time - 1e-7 for time in jumps)
+    rows = [(before, 20, False), (after, 20, False), (after, 30, False), (opened, 30, True)]
+    rows += [(closed, 30, False), (100, 30, False)]
+    types = [("time", float), ("set_point", float), ("window", bool)]
+    result = simulated("Thermostat", input=np.array(rows, types), relative_tolerance=1e-9)
+    expected = np.full(len(result["time"]), 20.0)
+    for start, value, limit, tau in temperature(30, *jumps):
+        since = result["time"] - start
+        piece = limit + (value - limit) * np.exp(-since / tau)
+        expected = np.where(since < 0, expected, piece)
+    assert result["temperature"] == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize("ending", ["", "_fmi3"])

@@ -110,7 +110,7 @@ macro_rules! fmi2_functions {
             fmi2GetString(references: [in u32; n], n: [len], values: [out fmi2String; n])
                 => get_string in COMPUTED;
             fmi2SetReal(references: [in u32; n], n: [len], values: [in f64; n])
-                => set_float64 in SETTABLE | CONTINUOUS_TIME;
+                => set_float64 in SETTABLE;
             fmi2SetInteger(references: [in u32; n], n: [len], values: [in i32; n])
                 => set_int32 in SETTABLE;
             fmi2SetBoolean(references: [in u32; n], n: [len], values: [in fmi2Boolean; n])

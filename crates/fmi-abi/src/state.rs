@@ -96,10 +96,10 @@ sets! {
     ALIVE = INSTANTIATED, CONFIGURATION, RECONFIGURATION, COMPUTED;
     /// Where a host gets values of FMI 3.0.
     READABLE = ALIVE, INTERMEDIATE_UPDATE;
-    /// Where a host sets values.
-    SETTABLE = INSTANTIATED, INITIALIZATION, STEP_MODE, EVENT;
+    /// Where a host sets values; in continuous-time mode, those of discrete inputs only to what they are.
+    SETTABLE = INSTANTIATED, INITIALIZATION, STEP_MODE, EVENT, CONTINUOUS_TIME;
     /// Where a host sets values of continuous inputs.
-    CONTINUOUS = SETTABLE, CONTINUOUS_TIME, INTERMEDIATE_UPDATE;
+    CONTINUOUS = SETTABLE, INTERMEDIATE_UPDATE;
     /// Where a host sets structural parameters and other values of their type.
     STRUCTURAL = SETTABLE, CONFIGURATION, RECONFIGURATION;
     /// Where the equations of model exchange hold.

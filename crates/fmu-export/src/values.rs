@@ -223,14 +223,17 @@ impl Component {
         let Lifecycle { state, mode, .. } = self.shared.lifecycle;
         let scalar = self.find(of_type, element)?;
         let value = value.within(scalar.variable);
-        // Some hosts, such as OpenModelica, set all parameters again after the initialization.
+        // Some hosts set values again that stay the same: OpenModelica all parameters after the initialization, FMPy
+        // all inputs when it locates events.
         let is_same = |c: &mut Self| {
-            let is_running =
-                matches!(state, State::StepMode | State::Event | State::ContinuousTime);
-            is_running
-                && scalar.variable.causality == Causality::Parameter
-                && scalar.variable.variability == Variability::Fixed
-                && value.as_ref().is_ok_and(|value| *value == c.model.get(&scalar))
+            let is_set_again = match (scalar.variable.causality, scalar.variable.variability) {
+                (Causality::Parameter, Variability::Fixed) => {
+                    matches!(state, State::StepMode | State::Event | State::ContinuousTime)
+                }
+                (Causality::Input, _) => state == State::ContinuousTime,
+                _ => false,
+            };
+            is_set_again && value.as_ref().is_ok_and(|value| *value == c.model.get(&scalar))
         };
         if let Some(why) = not_settable(scalar.variable, state, mode)
             && !is_same(self)

@@ -10,11 +10,13 @@
 mod bouncing_ball;
 mod cascade;
 mod stair;
+mod thermostat;
 mod van_der_pol;
 
 fmu_export::export!(
     bouncing_ball::BouncingBall,
     cascade::Cascade,
     stair::Stair,
+    thermostat::Thermostat,
     van_der_pol::VanDerPol
 );

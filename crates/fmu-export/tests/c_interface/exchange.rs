@@ -176,6 +176,26 @@ fn what_openmodelica_does_after_the_initialization_is_accepted() {
     }
 }
 
+#[test]
+fn discrete_inputs_may_be_set_again_between_events_as_fmpy_does() {
+    for kind in EXCHANGED {
+        let it = Instance::running(kind, SWITCHES);
+        let set = |value: f64| {
+            let gear = (Type::Int32, Switches::GEAR);
+            [(Type::Boolean, Switches::ON), gear, (Type::Float64, Switches::W)]
+                .map(|(of, reference)| it.set_all(of, &[reference], &[value]))
+        };
+        ok(set(0.0));
+        assert_eq!(set(1.0), [ERROR; 3]);
+        it.says("w is not a continuous input; only those can be set between events");
+        ok([it.enter_event_mode()]);
+        ok(set(1.0));
+        it.update();
+        it.go_on();
+        ok(set(1.0));
+    }
+}
+
 // --- derivatives --------------------------------------------------------------------------------
 
 /// The outputs, states, derivatives and indicator of [`Ball`].
