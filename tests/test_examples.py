@@ -139,7 +139,7 @@ def test_an_array_of_structs_has_the_solution_of_scipy(simulated) -> None:
 
 
 def temperature(set_point: float, at: float, opened: float, closed: float) -> list[tuple]:
-    """Return the closed form of a thermostat: start [s], temperature [°C] there, its limit, time constant [s]."""
+    """Return start [s], temperature [°C] there, its limit and time constant [s] of each piece."""
     pieces, time, value, is_on, is_open = [], at, 20.0, True, False
     while time < 100:
         tau = 10 if is_open else 50

@@ -596,11 +596,17 @@ mod tests {
         }
     }
 
+    type Indicators<const N: usize> = fn(&[f64; N]) -> Vec<f64>;
+
     /// A system of `N` states, with what it was evaluated at last.
     struct Equations<const N: usize> {
         right: fn(f64, &[f64; N]) -> [f64; N],
-        indicators: fn(&[f64; N]) -> Vec<f64>,
-        time_event: Option<f64>,
+        indicators: Indicators<N>,
+        /// The next time event after a time.
+        time_event: fn(f64) -> Option<f64>,
+        /// What an event does with the states, and whether each internal step ends with one.
+        jump: fn(&mut [f64; N]),
+        ends_with_events: bool,
         states: [f64; N],
         slopes: [f64; N],
         evaluations: u32,
@@ -638,13 +644,18 @@ mod tests {
             Reason { text: "a slope became NaN".to_string(), is_discarded: false }
         }
 
+        fn completed(&mut self, _time: f64) -> Result<bool, Reason> {
+            Ok(self.ends_with_events)
+        }
+
         fn event(&mut self, time: f64) -> Result<(), Reason> {
             self.events.push(time);
+            (self.jump)(&mut self.states);
             Ok(())
         }
 
-        fn next_event(&self, _time: f64) -> Option<f64> {
-            self.time_event
+        fn next_event(&self, time: f64) -> Option<f64> {
+            (self.time_event)(time)
         }
     }
 
@@ -656,7 +667,9 @@ mod tests {
         Equations {
             right,
             indicators: |_| Vec::new(),
-            time_event: None,
+            time_event: |_| None,
+            jump: |_| {},
+            ends_with_events: false,
             states,
             slopes: [0.0; N],
             evaluations: 0,
@@ -793,9 +806,50 @@ mod tests {
 
     #[test]
     fn a_time_event_at_the_end_of_a_step_belongs_to_it_up_to_rounding() {
-        let mut clock = Equations { time_event: Some(1.0), ..system(|_, _| [1.0], [0.0]) };
+        let mut clock = Equations { time_event: |_| Some(1.0), ..system(|_, _| [1.0], [0.0]) };
         // Ten steps end at 0.9999999999999999 s.
         run(&mut clock, 0.1, 1.0, 1e-6).unwrap();
         assert_eq!(clock.events, [1.0]);
+    }
+
+    #[test]
+    fn events_after_each_internal_step_do_not_shorten_the_steps() {
+        // x' = -x, with an indicator that is zero or far from it; the second event projects the state.
+        let jumps: [fn(&mut [f64; 1]); 2] = [|_| {}, |[x]| *x *= 1.0 + 1e-13];
+        let indicators: [Indicators<1>; 3] = [|_| Vec::new(), |_| vec![0.0], |_| vec![1.0]];
+        for (jump, indicators) in jumps.into_iter().flat_map(|j| indicators.map(|i| (j, i))) {
+            let mut decay = Equations {
+                indicators,
+                jump,
+                ends_with_events: true,
+                ..system(|_, [x]| [-x], [1.0])
+            };
+            let [x] = run(&mut decay, 1.0, 1.0, 1e-6).unwrap();
+            assert!((x - libm::exp(-1.0)).abs() < 1e-6, "{x}");
+            assert!(decay.events.len() < 100, "{}", decay.events.len());
+        }
+    }
+
+    #[test]
+    fn a_step_may_have_many_events_but_not_without_end() {
+        const PERIOD: f64 = 5e-5;
+        let next = |time: f64| Some((libm::floor(time.max(0.0) / PERIOD + 1e-6) + 1.0) * PERIOD);
+        let indicators: [Indicators<1>; 2] = [|_| Vec::new(), |[x]| vec![x + 1.0]];
+        for indicators in indicators {
+            let counter = system(|_, _| [1.0], [0.0]);
+            let mut counter = Equations { time_event: next, indicators, ..counter };
+            run(&mut counter, 1.0, 1.0, 1e-6).unwrap();
+            assert_eq!(counter.events.len(), 20_000);
+        }
+        // The state slides along zero.
+        let mut sliding = Equations {
+            indicators: |[x, _]| vec![*x],
+            jump: |[x, side]| *side = if *x > 0.0 { -1.0 } else { 1.0 },
+            ..system(|_, [_, side]| [*side, 0.0], [-0.5, 1.0])
+        };
+        let error = run(&mut sliding, 1.0, 1.0, 1e-6).unwrap_err();
+        assert!(error.is_discarded);
+        assert!(error.text.contains("t = 0.5"), "{}", error.text);
+        assert!(error.text.contains("more than 1000 events within"), "{}", error.text);
     }
 }
