@@ -338,6 +338,25 @@ def test_a_step_by_model_exchange_can_be_repeated_after_a_failure(tmp_path):
         assert hopper.time == 0.3
 
 
+@pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
+@pytest.mark.parametrize("ending", ["", "_fmi3"])
+def test_events_at_both_ends_of_a_step_belong_to_it(equations, ending, interface):
+    with Instance(equations / f"Stair{ending}.fmu", interface=interface) as stair:
+        for second in range(1, 4):
+            assert stair.get("counter") == second
+            stair.step(1.0)
+    with Instance(equations / f"Thermostat{ending}.fmu", interface=interface) as room:
+        room.step(1.0)
+        room.set("set_point", 30.0)
+        room.step(1.0)
+        assert room.get("temperature") == pytest.approx(45 - 25 * math.exp(-1 / 50), abs=1e-6)
+        room.set("window", True)
+        temperature = room.get("temperature")
+        room.step(1.0)
+        opened = 25 + (temperature - 25) * math.exp(-1 / 10)
+        assert room.get("temperature") == pytest.approx(opened, abs=1e-6)
+
+
 SHARED = """
 import sys, threading
 from fmu_master import Instance

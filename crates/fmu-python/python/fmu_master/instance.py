@@ -55,7 +55,7 @@ class Instance:
         The FMU.
     interface
         "co-simulation" or "model-exchange"; by default the first of them that the FMU supports. By
-        model exchange, `step` integrates the equations and handles events.
+        model exchange, `step` integrates the equations and handles events, also one at its end.
     start_values
         Start values by name.
     start_time
