@@ -27,7 +27,7 @@ pub struct Interface {
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
     pub tolerance: f64,
-    /// The scalar variables; their indices are their value references.
+    /// The first scalars of all variables, at their value references, as [`scalars`](crate::table::scalars) returns them.
     pub scalars: &'static [Scalar],
     /// Start values that differ from the table.
     pub overrides: Overrides,
@@ -105,6 +105,17 @@ impl Override {
         }
     }
 
+    /// The type of the variable, or of the array of which it is an element.
+    const fn of_type(&self, scalars: &[Scalar]) -> Type {
+        let mut of_type = Type::Float64;
+        each_variable!(i, scalar in scalars => {
+            if i <= self.reference {
+                of_type = scalar.variable.start.of_type();
+            }
+        });
+        of_type
+    }
+
     /// The value of a variable; `None` if its type does not have it.
     pub fn value(self, of_type: Type) -> Option<Value> {
         self.get(of_type).value(of_type)
@@ -171,7 +182,7 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     each_variable!(_i, scalar in interface.scalars => { hash = identify(scalar, hash); });
     let mut overrides = interface.overrides;
     while let Some((start, rest)) = overrides.next() {
-        let of_type = interface.scalars[start.reference].variable.start.of_type();
+        let of_type = start.of_type(interface.scalars);
         hash = hash.number(start.reference as u64);
         hash = identify_value(start.get(of_type), hash);
         overrides = rest;

@@ -469,8 +469,8 @@ pub fn each_field(rows: &'static [Row], base: usize, call: &mut dyn FnMut(&'stat
     }
 }
 
-/// The scalar variables of a table; their indices are their value references. `N` is [`count`] of the
-/// table.
+/// The first scalars of all variables of a table, at their value references. `N` is [`count`] of the table. The places
+/// of other elements of arrays are without a variable: an array may have so many that the compiler would take minutes.
 pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
     const NONE: &Field = &Field {
         name: "",
@@ -493,9 +493,9 @@ pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
     };
     let mut all = [Scalar { variable: NONE, prefixes: [""; MAX_DEPTH], element: 0, offset: 0 }; N];
     let mut i = 0;
-    while let Some(scalar) = find_scalar(rows, i) {
-        all[i] = scalar;
-        i += 1;
+    while let Some(first) = find_scalar(rows, i) {
+        all[i] = first;
+        i += first.variable.count();
     }
     all
 }

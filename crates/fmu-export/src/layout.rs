@@ -80,11 +80,6 @@ impl<T: Copy, const N: usize> List<T, N> {
         Self { items: [filler; N], length: 0 }
     }
 
-    const fn push(&mut self, item: T) {
-        self.items[self.length] = item;
-        self.length += 1;
-    }
-
     /// The items; if there are none, a slice that keeps no array in the binary.
     pub(crate) const fn as_slice(&'static self) -> &'static [T] {
         match self.length {
@@ -138,38 +133,39 @@ impl<const N: usize> Tables<N> {
             directional_derivatives: (false, false),
             structural_parameters: (false, false),
         };
-        let mut in_use = 0;
         let mut reference = 0;
         while reference < N {
-            let row = &rows[reference];
-            if row.element == 0 {
-                in_use = row.elements(rows);
-            }
-            tables.add(rows, reference, in_use);
-            reference += 1;
+            tables.add(rows, reference);
+            reference += rows[reference].variable.count();
         }
         tables
     }
 
-    /// Adds a scalar of a variable of which `in_use` elements are in use by default.
-    const fn add(&mut self, rows: &[Scalar; N], reference: usize, in_use: usize) {
+    /// Adds a variable by the reference of its first element. It calls no function for an element, since an array may
+    /// have many, for which that would take the compiler long.
+    const fn add(&mut self, rows: &[Scalar; N], reference: usize) {
         let row = &rows[reference];
         let (variable, place, size) = (row.variable, Place::of(row), row.size(rows));
-        if row.element < in_use {
-            self.elements[reference] = place;
+        let (count, in_use) = (variable.count(), row.elements(rows));
+        self.variables[reference] = place;
+        self.arrays[reference].count = count as u32;
+        self.arrays[reference].default = in_use as u32;
+        if let Some(size) = size
+            && let Some(offset) = rows[size].offset_of_size()
+        {
+            self.arrays[reference].size = offset as u32;
         }
-        if variable.count() == 1 && size.is_none() {
+        if count == 1 && size.is_none() {
             self.scalars[reference] = place;
         }
-        if row.element == 0 {
-            self.variables[reference] = place;
-            self.arrays[reference].count = variable.count() as u32;
-            self.arrays[reference].default = in_use as u32;
-            if let Some(size) = size
-                && let Some(offset) = rows[size].offset_of_size()
-            {
-                self.arrays[reference].size = offset as u32;
+        let mut element = 0;
+        while element < in_use {
+            let mut place = place;
+            if place.offset != Place::NONE {
+                place.offset += element * size_of::<f64>();
             }
+            self.elements[reference + element] = place;
+            element += 1;
         }
         match (variable.dynamics, row.offset_of_real()) {
             (Dynamics::Derivative { .. }, Some(derivative_offset)) => {
@@ -177,16 +173,29 @@ impl<const N: usize> Tables<N> {
                     && matches!(rows[of].variable.dynamics, Dynamics::State)
                     && let Some(state_offset) = rows[of].offset_of_real()
                 {
-                    self.states.push(Integrated {
-                        state: of as u32,
-                        derivative: reference as u32,
-                        state_offset,
-                        derivative_offset,
-                        nominal: rows[of].variable.nominal,
-                    });
+                    let mut element = 0;
+                    while element < count {
+                        self.states.items[self.states.length] = Integrated {
+                            state: (of + element) as u32,
+                            derivative: (reference + element) as u32,
+                            state_offset: state_offset + element * size_of::<f64>(),
+                            derivative_offset: derivative_offset + element * size_of::<f64>(),
+                            nominal: rows[of].variable.nominal,
+                        };
+                        self.states.length += 1;
+                        element += 1;
+                    }
                 }
             }
-            (Dynamics::EventIndicator, Some(offset)) => self.event_indicators.push(offset),
+            (Dynamics::EventIndicator, Some(offset)) => {
+                let mut element = 0;
+                while element < count {
+                    self.event_indicators.items[self.event_indicators.length] =
+                        offset + element * size_of::<f64>();
+                    self.event_indicators.length += 1;
+                    element += 1;
+                }
+            }
             _ => {}
         }
         self.has_input_derivatives |= variable.has_input_derivative;
