@@ -10,6 +10,7 @@ import itertools
 import os
 import pty
 import re
+import resource
 import subprocess
 import termios
 from collections.abc import Callable
@@ -758,6 +759,35 @@ def test_random_faults_depend_on_the_seed_of_the_system(relay, tmp_path, order):
 
 
 DIRECT = {'<Unknown index="3"/>': '<Unknown index="3" dependencies="2"/>'}
+
+
+def test_a_chain_of_connections_takes_time_in_proportion_to_its_length(relay, tmp_path):
+    """Each output depends directly on an input, which the output before feeds."""
+
+    def seconds(count: int) -> float:
+        variable = '<ScalarVariable name="{}" valueReference="{}" causality="{}"><Real{}/>'
+        kinds = [("u{}", 1, "input", ' start="0"'), ("y{}", 2, "output", "")]
+        variables = "".join(
+            f"{variable.format(name.format(k), *kind)}</ScalarVariable>"
+            for name, *kind in kinds
+            for k in range(count)
+        )
+        first = RELAY.count("<ScalarVariable") + 1
+        unknowns = "".join(
+            f'<Unknown index="{first + count + k}" dependencies="{first + k}"/>'
+            for k in range(count)
+        )
+        changes = {
+            "</ModelVariables>": f"{variables}</ModelVariables>",
+            "</Outputs>": f"{unknowns}</Outputs>",
+        }
+        links = [f"a.y{k} -> a.u{k + 1}" for k in range(count - 1)]
+        system = relay({"a": {}}, links, changes, outputs=["a.y"])
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        simulate(system, tmp_path)
+        return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+
+    assert seconds(20_000) < 8 * seconds(5_000)
 
 
 def test_algebraic_loops_can_be_allowed(relay, tmp_path):

@@ -1,6 +1,7 @@
 """SSP packages: conformance to the standard, and simulation in third-party importers."""
 
 import re
+import shutil
 import zipfile
 from pathlib import Path
 
@@ -394,6 +395,31 @@ def test_a_nested_package_gives_the_bits_of_the_same_components_on_one_level(fol
             np.testing.assert_array_equal(values, expected[name])
     changed = simulate(package, tmp_path, "--step", 0.125, "--set", "inner.a.gain=2")
     assert not np.array_equal(changed["inner.a.y"], expected["a.y"])
+
+
+def test_a_large_structure_is_read_within_limits(folder, tmp_path):
+    """Larger than a model description may be, as it has the variables of several of them."""
+    shutil.copy(folder / "Relay.fmu", tmp_path)
+    structure = replaced(NESTED, {"resources/A%20relay.fmu": "Relay.fmu"})
+    (tmp_path / "values.ssv").write_text(VALUES, encoding="utf-8")
+    (tmp_path / "names.ssm").write_text(MAPPING, encoding="utf-8")
+    file = tmp_path / "large.ssd"
+    file.write_text(structure + " " * (65 << 20), encoding="utf-8")
+    assert simulate(file, tmp_path, "--step", 0.125)["time"][-1] == 2
+    file.write_text(structure + " " * (256 << 20), encoding="utf-8")
+    assert "large.ssd is larger than 256 MB" in refusal(tmp_path, "simulate", file)
+
+
+def test_connectors_that_feed_each_other_are_refused(folder, tmp_path):
+    inside = '<Connection startElement="b" startConnector="y" endConnector="out"/>'
+    outside = '<Connection startElement="c" startConnector="y" endElement="inner"'
+    structure = replaced(NESTED, {
+        inside: '<Connection startConnector="in" endConnector="out"/>',
+        outside: '<Connection startElement="inner" startConnector="out" endElement="inner"',
+    })  # fmt: skip
+    mapping = replaced(MAPPING, {'target="inner.k"': 'target="inner.in"'})
+    package = write_nested(folder, structure, **{"names.ssm": mapping})
+    assert "inner.in feeds itself" in refusal(tmp_path, "simulate", package)
 
 
 def test_a_source_outside_of_a_package_is_refused(folder, tmp_path):

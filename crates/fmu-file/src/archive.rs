@@ -26,6 +26,8 @@ pub const TERMINALS: &str = "terminalsAndIcons/terminalsAndIcons.xml";
 
 /// Maximum size of a model description; a larger one is damaged or malicious.
 const MAX_XML: u64 = 64 << 20;
+/// Maximum size of a file of SSP, which has the variables of several FMUs.
+pub const MAX_SSP: u64 = 256 << 20;
 /// Maximum number of files.
 const MAX_FILES: usize = 1 << 16;
 /// Maximum total size of the inflated files.
@@ -261,7 +263,7 @@ impl Archive {
         })?;
         let file = self.zip.by_index(index);
         let file = file.with_context(|| format!("{MODEL_DESCRIPTION} cannot be read"))?;
-        bounded(file, MODEL_DESCRIPTION)
+        bounded(file, MODEL_DESCRIPTION, MAX_XML)
     }
 
     /// The index of a file; of several with the same name the last, as other tools do.
@@ -348,21 +350,21 @@ impl Archive {
     }
 }
 
-/// Reads an XML file outside an archive as text; what is not UTF-8 is decoded all the same.
+/// Reads a file of SSP as text; what is not UTF-8 is decoded all the same.
 ///
 /// # Errors
 /// It cannot be read, or is too large.
-pub fn read_xml(file: &Path) -> Result<String> {
+pub fn read_ssp(file: &Path) -> Result<String> {
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let open = File::open(file).with_context(|| format!("{name} cannot be read"))?;
-    Ok(xml::decode(&bounded(open, &name)?).text)
+    Ok(xml::decode(&bounded(open, &name, MAX_SSP)?).text)
 }
 
-fn bounded(file: impl Read, name: &str) -> Result<Vec<u8>> {
+fn bounded(file: impl Read, name: &str, most: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let read = file.take(MAX_XML + 1).read_to_end(&mut bytes);
+    let read = file.take(most + 1).read_to_end(&mut bytes);
     read.with_context(|| format!("{name} is damaged"))?;
-    ensure!(bytes.len() as u64 <= MAX_XML, "{name} is larger than {} MB", MAX_XML >> 20);
+    ensure!(bytes.len() as u64 <= most, "{name} is larger than {} MB", most >> 20);
     Ok(bytes)
 }
 

@@ -1,6 +1,6 @@
 //! A running FMU: its calls, and the transfer of values from outputs to inputs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fmt::Display;
 use std::sync::Arc;
 
@@ -508,10 +508,10 @@ impl Drop for Component<'_> {
 /// whole.
 pub(crate) fn initial(inputs: &Wired, fmu: &Fmu, starts: &BTreeMap<usize, &Value>) -> Vec<Value> {
     let mut values = vec![Value::Boolean(false); inputs.elements];
-    let mut last = None;
+    let mut known = HashSet::new();
     for (scalar, position) in inputs.scalars.iter().zip(&inputs.positions) {
         let first = position - fmu.scalars[*scalar].element;
-        if last.replace(first) == Some(first) {
+        if !known.insert(first) {
             continue;
         }
         for (value, scalar) in values[first..].iter_mut().zip(fmu.array(*scalar)) {

@@ -31,8 +31,9 @@ pub struct Fmu {
     pub(crate) scalars: Vec<Scalar>,
     /// The indices of variables that depend on clocks.
     clocked: HashSet<usize>,
-    /// Outputs, and the inputs that they depend on directly, where the FMU declares it.
-    pub(crate) feedthrough: Vec<(usize, Arc<[usize]>)>,
+    /// Outputs, and the inputs that they depend on directly, where the FMU declares it; an array stands for its first
+    /// element.
+    pub(crate) feedthrough: HashMap<usize, Vec<usize>>,
     /// The indices of scalars by their names and aliases.
     index: HashMap<String, usize>,
     /// The indices of the elements of arrays by their names and aliases.
@@ -192,7 +193,7 @@ impl Fmu {
             arrays: HashMap::new(),
             variables,
             clocked: HashSet::new(),
-            feedthrough: Vec::new(),
+            feedthrough: HashMap::new(),
             units: Units::new(),
             tolerance: None,
             step: None,
@@ -242,8 +243,13 @@ impl Fmu {
 
     /// The scalars of the array that a scalar is an element of.
     pub(crate) fn array(&self, scalar: usize) -> Range<usize> {
-        let first = scalar - self.scalars[scalar].element;
+        let first = self.first(scalar);
         first..first + self.variable(scalar).count()
+    }
+
+    /// The first of these.
+    pub(crate) fn first(&self, scalar: usize) -> usize {
+        scalar - self.scalars[scalar].element
     }
 
     /// The start value of a scalar in the model description.
@@ -529,24 +535,21 @@ fn states(model: &ModelDescription<'_>) -> Vec<[String; 2]> {
     names.collect()
 }
 
-fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Arc<[usize]>)> {
+fn feedthrough(model: &ModelDescription<'_>) -> HashMap<usize, Vec<usize>> {
     // Invalid variables are left out.
     let mut first = 0;
-    let mut positions: HashMap<usize, Range<usize>> = HashMap::new();
+    let mut positions: HashMap<usize, usize> = HashMap::new();
     for (index, variable) in model.variables() {
-        positions.insert(index, first..first + variable.count());
+        positions.insert(index, first);
         first += variable.count();
     }
-    let positions = |index: Option<usize>| {
-        let found = index.and_then(|index| positions.get(&index));
-        found.cloned().unwrap_or_default()
-    };
+    let position = |index: usize| positions.get(&index).copied();
     let declared = model.outputs.iter().filter_map(|unknown| {
         let inputs = unknown.dependencies.as_ref()?.iter();
-        let inputs: Arc<[usize]> = inputs.flat_map(|n| positions(model.index(*n))).collect();
-        Some(positions(unknown.index).map(move |output| (output, inputs.clone())))
+        let inputs = inputs.filter_map(|n| model.index(*n).and_then(position));
+        Some((unknown.index.and_then(position)?, inputs.collect()))
     });
-    declared.flatten().collect()
+    declared.collect()
 }
 
 /// The definitions of units by their names.

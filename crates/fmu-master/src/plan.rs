@@ -100,9 +100,10 @@ impl Plan {
         let links = description.connections.iter().map(link);
         let links = links.collect::<Result<Vec<_>>>()?;
         links_fit(&components, &links)?;
+        let fed: HashSet<usize> = links.iter().map(|link| link.to.component).collect();
         for (index, planned) in components.iter_mut().enumerate() {
             // The events of an FMU that no other one feeds do not wait for the next step.
-            let is_fed = links.iter().any(|link| link.to.component == index);
+            let is_fed = fed.contains(&index);
             planned.sampled &= is_fed || !planned.is_guess || !planned.integrates();
         }
         if description.order == Order::Sequential && !description.allow_algebraic_loops {
@@ -368,9 +369,11 @@ impl Planned {
     /// smaller array.
     pub(crate) fn check_arrays(&self, starts: &BTreeMap<usize, &Value>) -> Result<()> {
         let is_missing = |i: &usize| self.fmu.start(*i).is_none() && !starts.contains_key(i);
+        let mut checked = None;
         for scalar in starts.keys() {
             let mut array = self.fmu.array(*scalar);
             if array.len() > 1
+                && checked.replace(array.start) != Some(array.start)
                 && let Some(missing) = array.find(is_missing)
             {
                 bail!(
@@ -668,48 +671,46 @@ pub(crate) fn text(causality: Causality) -> &'static str {
 /// solve. An output without declared dependencies counts as depending on no input, since most such
 /// outputs change only during a step.
 fn no_algebraic_loops(components: &[Planned], links: &[Link]) -> Result<()> {
-    let mut settled = HashSet::new();
+    // All elements of an array depend on the same inputs.
+    let variable =
+        |port: Port| Port { scalar: components[port.component].fmu.first(port.scalar), ..port };
+    let mut feeding: HashMap<Port, Vec<Port>> = HashMap::new();
     for link in links {
-        let mut path = Vec::new();
-        if let Some(first) = find_loop(link.from, components, links, &mut path, &mut settled) {
-            let start = path.iter().position(|port| *port == first).unwrap_or(0);
-            let ports = path[start..].iter().chain([&first]).rev();
-            let names = Vec::from_iter(ports.map(|port| port.name(components)));
-            bail!(
-                "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step, and allow_algebraic_loops = true runs it anyway",
-                names.join(" -> ")
-            );
+        feeding.entry(variable(link.to)).or_default().push(link.from);
+    }
+    let sources = |output: Port| {
+        let known = &components[output.component].fmu.feedthrough;
+        let inputs = known.get(&variable(output).scalar).into_iter().flatten();
+        let inputs = inputs.map(|&scalar| Port { scalar, ..output });
+        let sources = inputs.filter_map(|input| feeding.get(&input)).flatten().copied();
+        Vec::from_iter(sources).into_iter()
+    };
+    // The outputs on the way, with those that feed them and are not yet followed.
+    let mut path = Vec::new();
+    let (mut followed, mut settled) = (HashSet::new(), HashSet::new());
+    for link in links {
+        let mut next = Some(link.from);
+        loop {
+            if let Some(output) = next.filter(|output| !settled.contains(&variable(*output))) {
+                if !followed.insert(variable(output)) {
+                    let ports = path.iter().map(|(port, _)| *port);
+                    let ports = ports.skip_while(|port| variable(*port) != variable(output));
+                    let ports = Vec::from_iter(ports.chain([output]));
+                    let names = ports.iter().rev().map(|port| port.name(components));
+                    bail!(
+                        "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step, and allow_algebraic_loops = true runs it anyway",
+                        Vec::from_iter(names).join(" -> ")
+                    );
+                }
+                path.push((output, sources(output)));
+            }
+            let Some((output, rest)) = path.last_mut() else { break };
+            next = rest.next();
+            if next.is_none() {
+                settled.insert(variable(*output));
+                path.pop();
+            }
         }
     }
     Ok(())
-}
-
-/// Follows the outputs that `output` depends on directly; returns the first one met twice.
-fn find_loop(
-    output: Port,
-    components: &[Planned],
-    links: &[Link],
-    path: &mut Vec<Port>,
-    settled: &mut HashSet<Port>,
-) -> Option<Port> {
-    if path.contains(&output) {
-        return Some(output);
-    }
-    if settled.contains(&output) {
-        return None;
-    }
-    path.push(output);
-    let known = components[output.component].fmu.feedthrough.iter();
-    let inputs = known.filter(|(index, _)| *index == output.scalar);
-    for scalar in inputs.flat_map(|(_, inputs)| inputs.iter().copied()) {
-        let input = Port { scalar, ..output };
-        let mut feeding = links.iter().filter(|link| link.to == input);
-        let found = feeding.find_map(|l| find_loop(l.from, components, links, path, settled));
-        if found.is_some() {
-            return found;
-        }
-    }
-    path.pop();
-    settled.insert(output);
-    None
 }

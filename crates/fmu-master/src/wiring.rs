@@ -350,6 +350,8 @@ pub(crate) struct Wired {
     pub(crate) positions: Vec<usize>,
     /// Whether they are all elements, in their order.
     pub(crate) are_all: bool,
+    /// Whether they are not the first elements, in their order.
+    are_mixed: bool,
     /// The first element of each array.
     arrays: HashMap<u32, usize>,
 }
@@ -380,9 +382,10 @@ impl Wired {
             self.elements += count;
             self.elements - count
         });
+        let position = first + fmu.scalars[scalar].element;
+        self.are_mixed |= position != self.positions.len();
         self.scalars.push(scalar);
-        self.positions.push(first + fmu.scalars[scalar].element);
-        self.are_all = self.positions.len() == self.elements
-            && self.positions.iter().copied().eq(0..self.elements);
+        self.positions.push(position);
+        self.are_all = !self.are_mixed && self.positions.len() == self.elements;
     }
 }

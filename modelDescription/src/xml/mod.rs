@@ -12,7 +12,7 @@ use quick_xml::escape::partial_escape;
 use crate::value;
 
 pub use encoding::{Decoded, decode};
-pub use parse::parse;
+pub use parse::{parse, parse_up_to};
 
 /// An element.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -13,7 +13,7 @@ use super::{Element, is_forbidden, quote};
 
 /// Maximum depth of nested elements; model descriptions have six, vendor annotations may have more.
 const MAX_DEPTH: usize = 64;
-/// Maximum number of elements.
+/// Maximum number of elements of a model description.
 const MAX_ELEMENTS: usize = 1 << 20;
 /// Maximum number of attributes of an element.
 const MAX_ATTRIBUTES: usize = 64;
@@ -23,9 +23,18 @@ const MAX_ATTRIBUTES: usize = 64;
 /// # Errors
 /// The text is not well-formed XML, or it exceeds the limits of this module.
 pub fn parse(text: &str) -> Result<Element<'_>> {
+    parse_up_to(MAX_ELEMENTS, text)
+}
+
+/// Parses a document as [`parse`] does, with this maximum number of elements.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_up_to(most: usize, text: &str) -> Result<Element<'_>> {
     // The reader does not count a byte order mark in its positions.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut parser = Parser { text, at: 0, line: 1, open: Vec::new(), root: None, elements: 0 };
+    let mut parser =
+        Parser { text, at: 0, line: 1, open: Vec::new(), root: None, elements: 0, most };
     let mut reader = Reader::from_str(text);
     reader.config_mut().check_comments = true;
     loop {
@@ -57,7 +66,9 @@ struct Parser<'a> {
     /// The elements that are not closed yet, the root first.
     open: Vec<Element<'a>>,
     root: Option<Element<'a>>,
+    /// The number of elements, and the largest that is allowed.
     elements: usize,
+    most: usize,
 }
 
 impl<'a> Parser<'a> {
@@ -103,7 +114,7 @@ impl<'a> Parser<'a> {
 
     fn element(&mut self, start: &BytesStart<'a>, line: u32) -> Result<Element<'a>> {
         self.elements += 1;
-        ensure!(self.elements <= MAX_ELEMENTS, "there are more than {MAX_ELEMENTS} elements");
+        ensure!(self.elements <= self.most, "there are more than {} elements", self.most);
         let source = self.text;
         let mut element = Element {
             name: within(source, start.name().into_inner())?,
@@ -247,7 +258,8 @@ mod tests {
         assert!(error(entities).contains("DTD"));
         assert!(error(&"<a>".repeat(100_000)).contains("deeper than 64"));
         let wide = format!("<a>{}</a>", "<b/>".repeat(MAX_ELEMENTS));
-        assert!(error(&wide).contains("more than"));
+        assert!(error(&wide).contains("more than 1048576 elements"));
+        assert!(parse_up_to(MAX_ELEMENTS + 1, &wide).is_ok());
         let attributes: String = (0..100).map(|i| format!(" a{i}=''")).collect();
         assert!(error(&format!("<a{attributes}/>")).contains("attributes"));
     }

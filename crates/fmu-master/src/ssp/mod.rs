@@ -52,6 +52,7 @@ impl Package {
             let name = system.file_stem().unwrap_or_default().to_string_lossy();
             let names = distinct(&Vec::from_iter(plan.components.iter().map(|c| &*c.name)))?;
             let structure = structure::document(&name, &plan, &names, &places)?;
+            read::check(&structure).context("its package would be too large")?;
             let structure = Packed::text(structure.as_bytes())?;
             let mut entries = vec![(read::STRUCTURE_FILE.to_owned(), structure)];
             for (place, _, content) in fmus.0.into_values() {

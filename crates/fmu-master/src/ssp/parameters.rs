@@ -1,5 +1,7 @@
 //! Parameter values and their mappings.
 
+use std::collections::HashMap;
+
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value;
 use fmu_description::xml::Element;
@@ -21,6 +23,14 @@ impl System<'_> {
             mapping.children(vocabulary::MAPPING_ENTRY).map(entry).collect()
         });
         let entries: Option<Vec<(String, Link)>> = entries.transpose()?;
+        // By their sources.
+        let entries = entries.map(|entries| {
+            let mut targets: HashMap<String, Vec<(String, Link)>> = HashMap::new();
+            for (target, link) in entries {
+                targets.entry(link.from.1.clone()).or_default().push((target, link));
+            }
+            targets
+        });
         let own =
             units(set.list(vocabulary::UNITS_OF_SET, vocabulary::UNIT), vocabulary::BASE_UNIT);
         for parameter in set.list(vocabulary::PARAMETERS, vocabulary::PARAMETER) {
@@ -34,8 +44,10 @@ impl System<'_> {
             let from = (String::new(), name.clone());
             let unmapped = [(name.clone(), Link { from, ..Link::default() })];
             // A mapping leaves out all that it does not name.
-            let targets = entries.as_deref().unwrap_or(&unmapped).iter();
-            let targets = Vec::from_iter(targets.filter(|(_, link)| link.from.1 == name));
+            let targets = match &entries {
+                Some(entries) => entries.get(&name).map(Vec::as_slice).unwrap_or_default(),
+                None => &unmapped,
+            };
             if targets.is_empty() {
                 let name = join(path, &name);
                 self.warnings.push(format!("the mapping leaves out the parameter {name}"));
@@ -84,7 +96,7 @@ impl System<'_> {
         value: &Written,
         unit: Option<&Unit>,
     ) -> Result<()> {
-        let passage = Passage { unit: unit.cloned(), ..Passage::default() };
+        let passage = Passage { unit: unit.cloned(), scale: None };
         let mut targets = Vec::new();
         match self.find(path, target) {
             Some(port) => self.follow(passage, link, &port, &mut targets)?,

@@ -129,17 +129,30 @@ fn step(element: &Element<'_>) -> Option<f64> {
     own.or_else(|| element.children.iter().find_map(step))
 }
 
+/// Maximum number of elements of a document; those of a package have the variables of all its FMUs.
+const MAX_ELEMENTS: usize = 1 << 22;
+
 /// Parses a document of SSP 1 with this root.
 ///
 /// # Errors
 /// It is another document.
 pub fn document<'a>(text: &'a str, root: &str) -> Result<Element<'a>> {
-    let mut element = xml::parse(text)?;
+    let mut element = xml::parse_up_to(MAX_ELEMENTS, text)?;
     vocabulary::normalize(&mut element, &[]);
     ensure!(element.name == root, "the root is {}, expected {root} of SSP 1.0", element.name);
     let version = element.attribute("version").unwrap_or_default();
     ensure!(version.starts_with("1."), "version {version:?} of SSP is not supported, expected 1.0");
     Ok(element)
+}
+
+/// Checks that a structure can be read again.
+///
+/// # Errors
+/// It is larger than the limits.
+pub fn check(structure: &str) -> Result<()> {
+    let most = archive::MAX_SSP;
+    ensure!(structure.len() as u64 <= most, "{STRUCTURE_FILE} is larger than {} MB", most >> 20);
+    document(structure, vocabulary::STRUCTURE).map(drop).context(STRUCTURE_FILE)
 }
 
 /// The files that a system structure refers to.
@@ -183,8 +196,8 @@ impl Files {
     /// It cannot be read.
     pub fn structure(&self) -> Result<String> {
         match self.is_package() {
-            true => archive::read_xml(&self.folder.join(STRUCTURE_FILE)),
-            false => archive::read_xml(&self.file),
+            true => archive::read_ssp(&self.folder.join(STRUCTURE_FILE)),
+            false => archive::read_ssp(&self.file),
         }
     }
 

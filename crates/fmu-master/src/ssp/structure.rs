@@ -1,6 +1,6 @@
 //! `SystemStructure.ssd`: the description of a system in SSP terms.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use anyhow::Result;
 use fmu_description::xml::Element;
@@ -97,11 +97,11 @@ pub fn document(
 type Sides<'a> = [Vec<&'a Variable>; 3];
 
 fn sides(component: &Planned) -> Sides<'_> {
-    let is_set = |v: &Variable| component.starts().any(|(set, _)| set.name == v.name);
+    let set: HashSet<_> = component.starts().map(|(variable, _)| &variable.name).collect();
     let is_on = |side: usize, v: &Variable| match side {
         0 => v.causality == Causality::Input,
         1 => v.causality == Causality::Output,
-        _ => v.is_parameter() && is_set(v),
+        _ => v.is_parameter() && set.contains(&v.name),
     };
     let all = &component.fmu.variables;
     [0, 1, 2].map(|side| all.iter().filter(|v| is_on(side, v)).collect())

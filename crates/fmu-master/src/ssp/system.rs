@@ -1,6 +1,6 @@
 //! The components and connections of nested systems, on one level.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -29,8 +29,6 @@ pub struct Link {
 pub struct Passage {
     pub unit: Option<Unit>,
     pub scale: Option<Scale>,
-    /// The number of connectors.
-    pub length: usize,
 }
 
 /// A unit and its definition in base units.
@@ -58,7 +56,9 @@ pub struct System<'a> {
     /// All elements by their paths: the indices of components, and `None` for systems.
     pub elements: HashMap<String, Option<usize>>,
     /// What feeds each connector.
-    pub links: BTreeMap<Port, Link>,
+    links: BTreeMap<Port, Link>,
+    /// The connectors that a connector of a system feeds.
+    fed: HashMap<Port, BTreeSet<Port>>,
     pub warnings: Vec<String>,
     /// The files outside of packages.
     pub sources: Vec<PathBuf>,
@@ -75,6 +75,7 @@ impl<'a> System<'a> {
             models: Vec::new(),
             elements: HashMap::new(),
             links: BTreeMap::new(),
+            fed: HashMap::new(),
             warnings: Vec::new(),
             sources: Vec::new(),
             connectors: HashMap::new(),
@@ -134,7 +135,7 @@ impl<'a> System<'a> {
 
     /// The text of the XML file at a URI.
     pub fn text(&mut self, uri: &str) -> Result<String> {
-        archive::read_xml(&self.path(uri)?).with_context(|| uri.to_owned())
+        archive::read_ssp(&self.path(uri)?).with_context(|| uri.to_owned())
     }
 
     fn add_parts(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
@@ -220,6 +221,9 @@ impl<'a> System<'a> {
             }
         };
         let link = Link::new(from, element)?;
+        if !self.is_component(&link.from.0) {
+            self.fed.entry(link.from.clone()).or_default().insert(to.clone());
+        }
         let name = join(&to.0, &to.1);
         ensure!(self.links.insert(to, link).is_none(), "{name} is connected twice");
         Ok(())
@@ -231,7 +235,7 @@ impl<'a> System<'a> {
         let mut connections = Vec::new();
         for (to, link) in self.links.iter().filter(|(_, l)| self.is_component(&l.from.0)) {
             let from = join(&link.from.0, &link.from.1);
-            let passage = Passage { unit: self.unit(&link.from), ..Passage::default() };
+            let passage = Passage { unit: self.unit(&link.from), scale: None };
             let mut targets = Vec::new();
             self.follow(passage, link, to, &mut targets)?;
             connections.extend(targets.into_iter().map(|(to, scale)| Connection {
@@ -252,13 +256,18 @@ impl<'a> System<'a> {
         to: &Port,
         targets: &mut Vec<(Port, Option<Scale>)>,
     ) -> Result<()> {
-        let passage = self.pass(passage, link, to)?;
-        if self.is_component(&to.0) {
-            targets.push((to.clone(), passage.scale));
-            return Ok(());
-        }
-        for (next, link) in self.links.iter().filter(|(_, link)| link.from == *to) {
-            self.follow(passage.clone(), link, next, targets)?;
+        let mut rest = vec![(passage, link, to)];
+        while let Some((passage, link, port)) = rest.pop() {
+            let passage = self.pass(passage, link, port)?;
+            if self.is_component(&port.0) {
+                targets.push((port.clone(), passage.scale));
+                continue;
+            }
+            for next in self.fed.get(port).into_iter().flatten().rev() {
+                // One connector feeds each other one, so only the first can be met again.
+                ensure!(next != to, "{} feeds itself", join(&to.0, &to.1));
+                rest.push((passage.clone(), &self.links[next], next));
+            }
         }
         Ok(())
     }
@@ -292,8 +301,6 @@ impl<'a> System<'a> {
     }
 
     fn pass(&self, passage: Passage, link: &Link, to: &Port) -> Result<Passage> {
-        let length = passage.length + 1;
-        ensure!(length <= self.links.len() + 1, "{} feeds itself", join(&to.0, &to.1));
         let unit = self.unit(to);
         let mut conversion = None;
         if let (Some(from), Some(unit)) = (&passage.unit, &unit)
@@ -307,7 +314,7 @@ impl<'a> System<'a> {
         }
         // The transformation is of the value in the unit of the target.
         let scale = then(then(passage.scale, conversion), link.scale);
-        Ok(Passage { unit: unit.or(passage.unit), scale, length })
+        Ok(Passage { unit: unit.or(passage.unit), scale })
     }
 }
 
