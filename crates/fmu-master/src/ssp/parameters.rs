@@ -36,11 +36,8 @@ impl System<'_> {
         for parameter in set.list(vocabulary::PARAMETERS, vocabulary::PARAMETER) {
             let name = parameter.attribute("name").unwrap_or_default();
             let (value, unit) = read(parameter).with_context(|| format!("parameter {name}"))?;
-            let unit = unit.map(|name| Unit {
-                definition: own.get(name).or_else(|| self.units.get(name)).cloned(),
-                name: name.to_owned(),
-            });
             let name = format!("{}{name}", binding.attribute("prefix").unwrap_or_default());
+            let unit = self.stated(unit, &own, &name);
             let from = (String::new(), name.clone());
             let unmapped = [(name.clone(), Link { from, ..Link::default() })];
             // A mapping leaves out all that it does not name.

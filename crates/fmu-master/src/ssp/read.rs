@@ -100,6 +100,7 @@ fn describe(opened: &mut Vec<Files>) -> Result<Description> {
     let of_fmus =
         || system.models.iter().flatten().filter_map(|m| m.experiment[2]).reduce(f64::min);
     let step = step(&root).or_else(of_fmus).unwrap_or((stop - start) / 500.0);
+    system.warnings.extend(system.undefined.take());
     let mut seen = HashSet::new();
     system.warnings.retain(|warning| seen.insert(warning.clone()));
     Ok(Description {
@@ -138,8 +139,16 @@ const MAX_ELEMENTS: usize = 1 << 22;
 /// It is another document.
 pub fn document<'a>(text: &'a str, root: &str) -> Result<Element<'a>> {
     let mut element = xml::parse_up_to(MAX_ELEMENTS, text)?;
-    vocabulary::normalize(&mut element, &[]);
-    ensure!(element.name == root, "the root is {}, expected {root} of SSP 1.0", element.name);
+    let namespace = vocabulary::namespace(&element);
+    vocabulary::normalize(&mut element)?;
+    if element.name != root {
+        let of = match namespace {
+            _ if element.name.contains(':') => String::new(),
+            Some(namespace) => format!(" of {namespace}"),
+            None => " without a namespace".to_owned(),
+        };
+        bail!("the root is {}{of}, expected {root} of SSP 1.0", element.name);
+    }
     let version = element.attribute("version").unwrap_or_default();
     ensure!(version.starts_with("1."), "version {version:?} of SSP is not supported, expected 1.0");
     Ok(element)

@@ -1,5 +1,6 @@
 //! The components and connections of nested systems, on one level.
 
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
@@ -60,6 +61,8 @@ pub struct System<'a> {
     /// The connectors that a connector of a system feeds.
     fed: HashMap<Port, BTreeSet<Port>>,
     pub warnings: Vec<String>,
+    /// Warnings of units that are not defined, and are taken as none.
+    pub undefined: RefCell<BTreeSet<String>>,
     /// The files outside of packages.
     pub sources: Vec<PathBuf>,
     connectors: HashMap<Port, Connector>,
@@ -77,6 +80,7 @@ impl<'a> System<'a> {
             links: BTreeMap::new(),
             fed: HashMap::new(),
             warnings: Vec::new(),
+            undefined: RefCell::default(),
             sources: Vec::new(),
             connectors: HashMap::new(),
         }
@@ -190,8 +194,7 @@ impl<'a> System<'a> {
             kind => bail!("the kind {kind:?} of the connector {name} is not supported"),
         };
         let unit = element.child(vocabulary::REAL).and_then(|real| real.attribute("unit"));
-        let unit = unit
-            .map(|unit| Unit { name: unit.to_owned(), definition: self.units.get(unit).cloned() });
+        let unit = self.stated(unit, &self.units, &join(path, name));
         // A component that is a package repeats the connectors of its system.
         let port = (path.to_owned(), name.to_owned());
         self.connectors.entry(port).or_insert(Connector { is_output, unit });
@@ -286,31 +289,66 @@ impl<'a> System<'a> {
         self.models[(*self.elements.get(path)?)?].as_ref()
     }
 
-    /// The unit of a connector; by default the unit of the variable.
+    /// The unit of this name for what `of` names; an empty one is none.
+    pub fn stated(&self, unit: Option<&str>, units: &Units, of: &str) -> Option<Unit> {
+        let unit = unit?;
+        if unit.is_empty() {
+            self.undefined(unit, of);
+            return None;
+        }
+        let definition = units.get(unit).or_else(|| self.units.get(unit)).cloned();
+        Some(Unit { name: unit.to_owned(), definition })
+    }
+
+    /// Warns of a unit.
+    fn undefined(&self, unit: &str, of: &str) {
+        let text = format!("the unit {unit:?} of {of} is not defined, and is taken as none");
+        self.undefined.borrow_mut().insert(text);
+    }
+
+    /// The unit of a connector; by default, or if it is not defined, the unit of the variable.
     fn unit(&self, port: &Port) -> Option<Unit> {
         let model = self.model(&port.0);
-        let of_variable = model.and_then(|model| model.variables.get(&port.1));
-        let stated = self.connectors.get(port).and_then(|connector| connector.unit.clone());
-        let unit = stated.or_else(|| {
-            let name = of_variable?.clone()?;
-            Some(Unit { definition: self.units.get(&name).cloned(), name })
-        });
-        let Unit { name, definition } = unit?;
-        let of_model = || model.and_then(|model| model.units.get(&name).cloned());
-        Some(Unit { definition: definition.or_else(of_model), name })
+        let defined = |name: &String, definition: &Option<_>| Unit {
+            definition: definition.clone().or_else(|| model?.units.get(name).cloned()),
+            name: name.clone(),
+        };
+        let connector = self.connectors.get(port).and_then(|connector| connector.unit.as_ref());
+        let stated = connector.map(|unit| defined(&unit.name, &unit.definition));
+        if stated.as_ref().is_some_and(|unit| unit.definition.is_some()) {
+            return stated;
+        }
+        let of_variable = model.and_then(|model| model.variables.get(&port.1)?.as_ref());
+        let of_variable = of_variable.map(|name| defined(name, &self.units.get(name).cloned()));
+        if let (Some(Unit { name, .. }), Some(other)) = (&stated, &of_variable)
+            && *name != other.name
+        {
+            self.undefined(name, &join(&port.0, &port.1));
+        }
+        of_variable.or(stated)
     }
 
     fn pass(&self, passage: Passage, link: &Link, to: &Port) -> Result<Passage> {
-        let unit = self.unit(to);
+        let mut unit = self.unit(to);
+        let same = Some(Scale { factor: 1.0, offset: 0.0 });
         let mut conversion = None;
-        if let (Some(from), Some(unit)) = (&passage.unit, &unit)
-            && from.name != unit.name
+        if let (Some(from), Some(into)) = (&passage.unit, &unit)
+            && from.name != into.name
         {
-            let name = || format!("{} [{}]", join(&to.0, &to.1), unit.name);
-            conversion = match link.is_plain {
-                true => Some(Scale { factor: 1.0, offset: 0.0 }),
-                false => from.conversion(unit).with_context(name)?,
-            };
+            let name = join(&to.0, &to.1);
+            if link.is_plain {
+                conversion = same;
+            } else if into.definition.is_none() {
+                self.undefined(&into.name, &name);
+                conversion = same;
+                unit = None;
+            } else if from.definition.is_none() {
+                self.undefined(&from.name, &format!("what feeds {name}"));
+                conversion = same;
+            } else {
+                let converted = from.conversion(into);
+                conversion = converted.with_context(|| format!("{name} [{}]", into.name))?;
+            }
         }
         // The transformation is of the value in the unit of the target.
         let scale = then(then(passage.scale, conversion), link.scale);

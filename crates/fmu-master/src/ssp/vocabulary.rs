@@ -1,5 +1,6 @@
 //! The names of elements in packages, which the writer and the reader share.
 
+use anyhow::{Result, ensure};
 use fmu_description::xml::Element;
 
 /// The prefixes of the names below, as they are declared, and their namespaces.
@@ -66,22 +67,58 @@ elements! {
     OMS_MASTER = "oms:FixedStepMaster";
 }
 
-/// Gives the elements of a parsed document the names above, whatever prefixes it declares. Others keep
-/// only the local part of their names.
-pub fn normalize<'a>(element: &mut Element<'a>, outer: &[(&'a str, String)]) {
-    let mut scope = outer.to_vec();
-    let declared = element.attributes.iter().filter(|(name, _)| name.starts_with("xmlns"));
-    scope.extend(declared.map(|(name, uri)| (*name, uri.clone().into_owned())));
+/// The namespaces that are declared where an element is.
+type Scope<'a> = Vec<(&'a str, String)>;
+
+/// The namespace of an element, if it has one, and its name in it.
+fn resolve<'a, 's>(
+    element: &Element<'a>,
+    scope: &'s Scope<'a>,
+) -> (Option<&'s str>, &'a str, &'a str) {
     let (prefix, local) = element.name.split_once(':').unwrap_or(("", element.name));
     let declares = |name: &str| name.trim_start_matches("xmlns").trim_start_matches(':') == prefix;
-    let uri = scope.iter().rfind(|(name, _)| declares(name)).map(|(_, uri)| uri.as_str());
+    let declared = scope.iter().rfind(|(name, _)| declares(name));
+    (declared.map(|(_, uri)| uri.as_str()), prefix, local)
+}
+
+/// Adds the namespaces that an element declares.
+fn declare<'a>(element: &Element<'a>, scope: &mut Scope<'a>) {
+    let declared = element.attributes.iter().filter(|(name, _)| name.starts_with("xmlns"));
+    scope.extend(declared.map(|(name, uri)| (*name, uri.clone().into_owned())));
+}
+
+/// The namespace that the root of a document is in.
+pub fn namespace(root: &Element<'_>) -> Option<String> {
+    let mut scope = Scope::new();
+    declare(root, &mut scope);
+    resolve(root, &scope).0.map(str::to_owned)
+}
+
+/// Gives the elements of a parsed document the names above, whatever prefixes it declares. Others keep
+/// only the local part of their names.
+///
+/// # Errors
+/// A prefix is not declared; in annotations, this does no harm.
+pub fn normalize<'a>(element: &mut Element<'a>) -> Result<()> {
+    normalize_in(element, &Scope::new(), false)
+}
+
+fn normalize_in<'a>(element: &mut Element<'a>, outer: &Scope<'a>, is_lax: bool) -> Result<()> {
+    let mut scope = outer.clone();
+    declare(element, &mut scope);
+    let (uri, prefix, local) = resolve(element, &scope);
+    ensure!(
+        is_lax || prefix.is_empty() || uri.is_some(),
+        "line {}: the prefix {prefix} of {} is not declared",
+        element.line,
+        element.name
+    );
     let known = NAMESPACES.iter().find(|(_, known)| Some(*known) == uri);
     let known = known.and_then(|(declaration, _)| {
         let mut names = ELEMENTS.iter();
         names.find(|name| name.split_once(':') == Some((&declaration["xmlns:".len()..], local)))
     });
     element.name = known.copied().unwrap_or(local);
-    for child in &mut element.children {
-        normalize(child, &scope);
-    }
+    let is_lax = is_lax || element.name == ANNOTATIONS;
+    element.children.iter_mut().try_for_each(|child| normalize_in(child, &scope, is_lax))
 }
