@@ -80,6 +80,8 @@ impl Build {
         // Libraries of both versions of FMI have the same name. In its folder `deps`, cargo would take one
         // for the other, unless this variable makes it add a hash to the name.
         command.env("__CARGO_DEFAULT_LIB_METADATA", "fmu");
+        // A target that is named, even this machine, gives other bytes.
+        command.env_remove("CARGO_BUILD_TARGET");
         Self { title: title.into(), command, rustflags: inherited_rustflags() }
     }
 
@@ -92,6 +94,12 @@ impl Build {
     /// Sets an environment variable.
     pub fn env(&mut self, name: &str, value: impl AsRef<OsStr>) -> &mut Self {
         self.command.env(name, value);
+        self
+    }
+
+    /// Leaves out what the environment happens to have.
+    pub fn without_env(&mut self, name: &str) -> &mut Self {
+        self.command.env_remove(name);
         self
     }
 
@@ -183,7 +191,8 @@ pub fn remap(path: &Path, name: &str) -> String {
     format!("--remap-path-prefix={}={name}", path.display())
 }
 
-/// The compiler flags from the user's environment.
+/// The compiler flags from the user's environment. Cargo ignores those of its configuration, since the build sets flags
+/// in the environment.
 fn inherited_rustflags() -> Vec<String> {
     match std::env::var(ENCODED_RUSTFLAGS) {
         Ok(flags) if !flags.is_empty() => flags.split(SEPARATOR).map(str::to_owned).collect(),
@@ -192,5 +201,60 @@ fn inherited_rustflags() -> Vec<String> {
             .split_whitespace()
             .map(str::to_owned)
             .collect(),
+    }
+}
+
+/// A warning of compiler flags in the environment that change the FMUs.
+pub fn warning() -> Option<String> {
+    warning_of(&inherited_rustflags())
+}
+
+fn warning_of(flags: &[String]) -> Option<String> {
+    let mut changing = Vec::new();
+    let mut flags = flags.iter().map(String::as_str);
+    while let Some(flag) = flags.next() {
+        // Lints, which change nothing, have a name that may follow.
+        match flag {
+            "-A" | "-W" | "-D" | "-F" | "--allow" | "--warn" | "--deny" | "--forbid"
+            | "--cap-lints" => {
+                flags.next();
+            }
+            flag if ["-A", "-W", "-D", "-F", "--cap-lints="]
+                .iter()
+                .any(|l| flag.starts_with(l)) => {}
+            flag => changing.push(flag),
+        }
+    }
+    let changing = changing.join(" ");
+    let is_for_processor = ["target-cpu", "target-feature"].iter().any(|f| changing.contains(f));
+    let consequence = match (changing.as_str(), is_for_processor) {
+        ("", _) => return None,
+        (_, true) => "other bytes, and may need a processor like this one",
+        (_, false) => "other bytes",
+    };
+    Some(format!("warning: with {changing} in RUSTFLAGS, the FMUs have {consequence}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_that_change_the_fmus_are_warned_of() {
+        for (flags, expected) in [
+            ("", None),
+            ("-D warnings -Wunused --cap-lints allow", None),
+            ("-D warnings -g", Some("with -g in RUSTFLAGS, the FMUs have other bytes")),
+            (
+                "-C target-cpu=native",
+                Some(
+                    "with -C target-cpu=native in RUSTFLAGS, the FMUs have other bytes, and may need a processor like this one",
+                ),
+            ),
+        ] {
+            let flags = Vec::from_iter(flags.split_whitespace().map(str::to_owned));
+            let expected = expected.map(|text| format!("warning: {text}"));
+            assert_eq!(warning_of(&flags), expected);
+        }
     }
 }

@@ -17,7 +17,7 @@ use fmu_file::platform::TARGET_WASM;
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::cargo::{Progress, profile_settings, remap};
+use crate::cargo::{self, Progress, profile_settings, remap};
 use crate::contents;
 use crate::library::{Library, Selection};
 use crate::model::{self, Model, Variant};
@@ -126,6 +126,7 @@ pub fn export(options: &Options, progress: &dyn Fn(Progress<'_>)) -> Result<Vec<
         })
     });
     let builders = builders.collect::<Result<Vec<_>>>()?;
+    cargo::warning().iter().for_each(|warning| progress(Progress::Said(warning)));
     let targets = builders.iter().take(1).flat_map(|b| &b.targets);
     let recipes = targets.flat_map(|target| &target.recipes);
     for recipe in recipes.filter(|recipe| recipe.is_named()) {
@@ -294,8 +295,12 @@ impl<'a> Builder<'a> {
             .args(self.options.selection.cargo_arguments())
             .args(profile.iter().flat_map(|setting| ["--config", setting]))
             .without_local_paths(self.metadata, recipe.sources().as_deref());
-        if let Some(variant) = variant {
-            build.env("FMU_EXPORT_VARIANT", variant);
+        match variant {
+            Some(variant) => build.env("FMU_EXPORT_VARIANT", variant),
+            None => build.without_env("FMU_EXPORT_VARIANT"),
+        };
+        if self.options.selection.profile() != "dev" {
+            build.env("CARGO_INCREMENTAL", "0");
         }
         build
             .args(["--", NO_SLP])
