@@ -45,7 +45,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faulty: Path) -> Ite
 def simulated(folder: Path, fault: str, at: float = 0.5, *options: object):
     """Simulate the system with a fault, writing out.csv."""
     sets = (f"--set=plant.fault={FAULTS.index(fault)}", f"--set=plant.at={at}")
-    return run("simulate", "system.toml", "--csv=out.csv", *sets, *options, cwd=folder)
+    csv = [] if "--csv=-" in options else ["--csv=out.csv"]
+    return run("simulate", "system.toml", *csv, *sets, *options, cwd=folder)
 
 
 # --- simulations ----------------------------------------------------------------------------------
@@ -283,6 +284,17 @@ def test_what_an_fmu_prints_is_not_among_the_rows(folder):
     result = run("sweep", "sweep.toml", "--rows=0..3", cwd=folder)
     assert sorted(line.split(",")[0] for line in result.stdout.splitlines()) == ["0", "1", "2"]
     assert result.stderr == "0,1,2,3\n"
+
+
+def test_what_an_fmu_prints_is_not_among_printed_rows_which_are_kept_after_a_crash(folder):
+    for fault in ("PRINT", "CRASH"):
+        result = simulated(folder, fault, 0.005, "--csv=-", "--stop=0.01")
+        times = [line.split(",")[0] for line in result.stdout.splitlines()]
+        last = 10 if fault == "PRINT" else 5
+        assert times == ["time [s]", *(str(k * 0.001) for k in range(last + 1))]
+        assert (fault == "PRINT") == ("0,1,2,3\n" in result.stderr)
+        assert (result.returncode == 0) == (fault == "PRINT")
+        assert not list(folder.glob("*.part"))
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -509,6 +509,27 @@ def test_csv_can_be_written_to_a_device_and_a_closed_pipe_is_not_an_error():
     assert (result.stdout, result.stderr) == (head + "\n", "")
 
 
+def test_rows_can_be_printed_and_then_nothing_else_is(tmp_path):
+    simulate(PID, tmp_path, "--stop=0.5")
+    expected = (tmp_path / "results.csv").read_text(encoding="utf-8")
+    for options in ((), ("--plot", tmp_path / "page.html")):
+        result = run("simulate", PID, "--stop=0.5", "--csv", "-", *options, cwd=tmp_path)
+        assert (result.returncode, result.stdout) == (0, expected)
+        assert "0.5 s in " in result.stderr
+        assert bool(options) == (f"wrote {tmp_path}/page.html" in result.stderr)
+    assert sorted(os.listdir(tmp_path)) == ["page.html", "results.csv"]
+    command = f"'{PROGRAM}' simulate '{PID}' --stop 100 --csv - | head -n 1"
+    shell = ["bash", "-o", "pipefail", "-c", command]
+    result = subprocess.run(shell, capture_output=True, text=True, check=True)
+    assert (result.stdout, result.stderr) == (expected.splitlines()[0] + "\n", "")
+    with Path("/dev/full").open("w") as full:
+        result = run(
+            "simulate", PID, "--csv=-", capture_output=False, stdout=full, stderr=subprocess.PIPE
+        )
+    assert result.returncode == 1
+    assert result.stderr.startswith("error: cannot write to the standard output: ")
+
+
 def test_a_terminal_shows_the_progress():
     ours, its = pty.openpty()
     termios.tcsetwinsize(its, (24, 120))

@@ -4,11 +4,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use fmu_description::Value as Cell;
-use fmu_file::replace;
-use fmu_master::table::{self, Format, Series};
+use fmu_file::replace::{self, Replacement};
+use fmu_master::table::{self, Series};
 use serde_json::{Value, json};
 
 use crate::commands::info::json;
@@ -31,14 +31,29 @@ pub struct Page {
     pub open: bool,
 }
 
-/// The file of a page, whose name must not be that of a table.
+/// The file of a page.
 fn page(file: &str) -> Result<PathBuf, &'static str> {
     let file = PathBuf::from(file);
-    let is_page = Format::of(&file).is_none();
-    is_page.then_some(file).ok_or("expected the name of a page, such as loop.html")
+    let extension = file.extension().unwrap_or_default();
+    let is_page = ["html", "htm"].iter().any(|known| extension.eq_ignore_ascii_case(known));
+    is_page.then_some(file).ok_or("expected the name of an HTML page, such as loop.html")
 }
 
 impl Page {
+    /// Checks before the results are computed that the page can be written.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn check(&self) -> Result<()> {
+        let Some(page) = &self.file else { return Ok(()) };
+        let folder = page.parent().filter(|folder| *folder != Path::new("") && !folder.is_dir());
+        if let Some(folder) = folder {
+            bail!("there is no folder {} for the page", folder.display());
+        }
+        ensure!(!page.is_dir(), "{} is a folder, expected a page", page.display());
+        Replacement::of(page).map(drop)
+    }
+
     /// Draws files with the rows of runs over each other; each file has the name of its run.
     ///
     /// # Errors

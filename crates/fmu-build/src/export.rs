@@ -39,7 +39,7 @@ pub struct Options {
     #[arg(long)]
     pub omit_unsupported: bool,
     /// Output folder for the FMUs [default: fmu in cargo's target folder]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = replace::folder)]
     pub out: Option<PathBuf>,
     /// Build for any Linux with glibc 2.17 or newer, using cargo-zigbuild
     #[arg(long)]

@@ -152,6 +152,15 @@ impl Write for Replacement {
     }
 }
 
+/// The name of a folder on a command line, where `-` is no name but the standard output.
+///
+/// # Errors
+/// It is none.
+pub fn folder(name: &str) -> Result<PathBuf, &'static str> {
+    let is_name = !matches!(name, "" | "-");
+    is_name.then(|| name.into()).ok_or("expected the name of a folder")
+}
+
 /// Writes a file atomically.
 ///
 /// # Errors

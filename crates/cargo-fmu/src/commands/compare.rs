@@ -38,6 +38,7 @@ pub struct CompareArgs {
 /// # Errors
 /// The files cannot be read or compared, or the page cannot be written.
 pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
+    args.page.check()?;
     let read = |file: &Path| {
         let table = table::read(file).and_then(|table| table::times(&table).map(|_| table));
         table.with_context(|| format!("{} cannot be compared", file.display()))

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 use fmu_file::merge::merge;
+use fmu_master::is_fmu;
 
 use super::export::print_fmu;
 
@@ -16,8 +17,14 @@ pub struct MergeArgs {
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     /// The FMU to write; may be one of the inputs
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", value_parser = fmu)]
     out: PathBuf,
+}
+
+/// The file of an FMU.
+fn fmu(file: &str) -> Result<PathBuf, &'static str> {
+    let file = PathBuf::from(file);
+    is_fmu(&file).then_some(file).ok_or("expected a name that ends in .fmu")
 }
 
 /// Merges the FMUs and prints what was written.

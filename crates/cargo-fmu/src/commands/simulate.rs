@@ -1,21 +1,21 @@
 //! `cargo fmu simulate`: one run of an FMU or of a system of coupled FMUs, in a process of its own, since an
 //! FMU may crash, hang or exit.
 
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 use std::fs;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Args;
-use fmu_description::Value;
+use fmu_description::{Type, Value};
 use fmu_file::replace;
 use fmu_master::run::{self, Outcome, Summary, Watch};
-use fmu_master::table::Format;
+use fmu_master::table::{Format, header, push_line};
 use fmu_master::{
-    Changes, Description, Experiment, Message, Plan, Start, Statistic, is_fmu, locate,
+    Changes, Column, Description, Experiment, Message, Plan, Row, Start, Statistic, is_fmu, locate,
 };
 use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -34,7 +34,8 @@ pub struct SimulateArgs {
     system: PathBuf,
     #[command(flatten)]
     changes: Changes,
-    /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet
+    /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet; - is the
+    /// standard output, which then has nothing else
     #[arg(long, value_name = "FILE", value_parser = results)]
     csv: Option<PathBuf>,
     #[command(flatten)]
@@ -86,39 +87,57 @@ pub fn supervise(
     out: &mut impl Write,
 ) -> Result<ExitCode> {
     args.check_files()?;
+    let is_printed = args.prints_rows();
+    let mut messages = anstream::stderr();
+    let mut out: &mut dyn Write = if is_printed {
+        // What an FMU prints must not get among the rows.
+        worker.stdout(io::stderr());
+        &mut messages
+    } else {
+        out
+    };
+    let printer = RefCell::new(Printer::default());
     let limits = args.limited.limits(1)?;
     let mut worker = Worker::start(worker, session.folder(), limits)?;
     let progress = Progress::new()?;
     let unsaved = session.folder().join("rows.csv");
     // A page is drawn of rows that can be read again, which a device or a pipe does not allow.
-    let (csv, page) = (args.csv.as_deref(), &args.page.file);
+    let (csv, page) = (args.csv.as_deref().filter(|_| !is_printed), &args.page.file);
     let file = csv.filter(|csv| page.is_none() || replace::part(csv).is_some());
     let rows = file.or(page.as_ref().map(|_| &*unsaved));
     let watch = Watch {
         keeps_rows: file.is_some(),
         keeps_worker: false,
-        is_cancelled: &|| session.signal().is_some(),
+        is_cancelled: &|| session.signal().is_some() || printer.borrow().failure.is_some(),
         warn: &worker::warn,
-        progress: &|ready, time| progress.show(ready.experiment, time),
-        row: &|_, _| {},
+        progress: &|ready, time| {
+            progress.show(ready.experiment, time);
+            printer.borrow_mut().flush();
+        },
+        row: &|ready, row| {
+            if is_printed {
+                printer.borrow_mut().print(&ready.columns, row);
+            }
+        },
         compute: &|_, _, _| Err("a system file has no functions".to_owned()),
     };
     let outcome = run::supervise(&mut worker, rows, &watch)?;
     progress.bar.finish_and_clear();
+    printer.into_inner().finish().context("cannot write to the standard output")?;
     match outcome {
         Outcome::Finished(finished) => {
             warn(&finished.messages);
             if let (None, Some(device)) = (file, csv) {
                 replace::write(device, &fs::read(&unsaved)?)?;
             }
-            report(out, &finished)?;
+            report(&mut out, &finished)?;
             if let (Some(rows), Some(path)) = (finished.rows, csv) {
                 writeln!(out, "wrote {}: {}", path.display(), counted(rows, "row"))?;
             }
             if let Some(rows) = rows {
                 let mut runs = vec![("this run".to_owned(), rows)];
                 runs.extend(args.over.iter().map(|file| (stem(file), file.as_path())));
-                args.page.draw_runs(&stem(&args.system), &runs, out)?;
+                args.page.draw_runs(&stem(&args.system), &runs, &mut out)?;
             }
             if let Some(ended) = finished.crash {
                 worker::warn(&format!("after the simulation, the process {ended}"));
@@ -146,11 +165,12 @@ impl SimulateArgs {
             let is_lost = written.any(|file| file.canonicalize().is_ok_and(|file| file == read));
             ensure!(!is_lost, "{} is read, expected another file to write to", file.display());
         }
-        let folder = self.page.file.as_deref().and_then(Path::parent);
-        match folder.filter(|folder| *folder != Path::new("") && !folder.is_dir()) {
-            Some(folder) => bail!("there is no folder {} for the page", folder.display()),
-            None => Ok(()),
-        }
+        self.page.check()
+    }
+
+    /// Whether the rows are printed.
+    pub fn prints_rows(&self) -> bool {
+        self.csv.as_deref() == Some(Path::new("-"))
     }
 
     /// The model, unless it is a system file.
@@ -253,6 +273,44 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
     let simulated = (simulated * 1e9).round() / 1e9;
     writeln!(out, "{simulated} s in {milliseconds:.3} ms: {speed}")?;
     Ok(())
+}
+
+/// Prints rows as CSV, until that fails.
+#[derive(Default)]
+struct Printer {
+    text: String,
+    has_header: bool,
+    failure: Option<io::Error>,
+}
+
+/// The length of the text that is collected before it is printed (bytes).
+const BUFFER: usize = 1 << 16;
+
+impl Printer {
+    fn print(&mut self, columns: &[Column], row: &Row) {
+        if !std::mem::replace(&mut self.has_header, true) {
+            let time = Column::new("time", "s", Type::Float64);
+            let all = [&time].into_iter().chain(columns).cloned();
+            self.text = header(&Vec::from_iter(all));
+        }
+        let values = [Value::Float64(row.time)].into_iter().chain(row.values(columns));
+        push_line(&mut self.text, values.map(Some));
+        if self.text.len() >= BUFFER {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        let text = std::mem::take(&mut self.text);
+        let mut out = io::stdout().lock();
+        let printed = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+        self.failure = self.failure.take().or(printed.err());
+    }
+
+    fn finish(mut self) -> io::Result<()> {
+        self.flush();
+        self.failure.map_or(Ok(()), Err)
+    }
 }
 
 /// The speed relative to real time, which may be below 1.

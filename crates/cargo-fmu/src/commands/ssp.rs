@@ -19,7 +19,7 @@ pub struct SspArgs {
     #[arg(value_name = "SYSTEM.toml", required = true)]
     systems: Vec<PathBuf>,
     /// Output folder for the packages
-    #[arg(long, value_name = "DIR", default_value = "target/fmu")]
+    #[arg(long, value_name = "DIR", default_value = "target/fmu", value_parser = replace::folder)]
     out: PathBuf,
     /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]

@@ -74,6 +74,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         open()?.work(&mut service)?;
         return Ok(ExitCode::SUCCESS);
     }
+    args.page.check()?;
     let session = Session::start()?;
     let study = open()?;
     let mut workers = Workers {

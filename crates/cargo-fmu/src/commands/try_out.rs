@@ -83,7 +83,11 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
             crate::tell(format_args!("{ERROR}error:{ERROR:#} {}", format!("{error:#}").trim_end()));
         }
         args.simulation.page.open = false;
-        writeln!(out, "waiting for a change in {}\n", root.display())?;
+        let waiting = format!("waiting for a change in {}\n", root.display());
+        match args.simulation.prints_rows() {
+            true => crate::tell(format_args!("{waiting}")),
+            false => writeln!(out, "{waiting}")?,
+        }
         while !has_changed(root, target.as_std_path(), begin) {
             thread::sleep(PERIOD);
             if let Some(signal) = session.signal() {
