@@ -485,7 +485,7 @@ impl Description {
     }
 
     /// One FMU, with the times of its default experiment: by default from 0 s for 1 s, in 500 steps. Its rows
-    /// are those of `fmpy.simulate_fmu`, so that also a sampled FMU has the outputs before each step.
+    /// are those of `fmpy.simulate_fmu` with this step, so that also a sampled FMU has the outputs before each step.
     ///
     /// # Errors
     /// The file cannot be read or is not an FMU.
