@@ -706,6 +706,11 @@ def test_all_outputs_except_strings_are_recorded_and_any_variable_on_request(rel
     assert last == "1.0,-5,0.5,0.0,1,false"
 
 
+def test_the_name_of_a_component_with_an_equals_sign_is_set_in_quotes(relay, tmp_path):
+    columns = simulate(relay({"a=b": {"u": 1}}), tmp_path, "--set='a=b'.gain=3", "--output=a=b.y")
+    assert columns["a=b.y"][-1] == 3
+
+
 def test_start_values_may_be_of_outputs_and_name_resources(relay, tmp_path):
     files = {"first": "2.5", "größer & so": "1e300"}
     system = relay({"a": {"file": "first"}, "b": {"file": "größer & so"}}, resources=files)

@@ -195,6 +195,7 @@ impl Plan {
     /// # Errors
     /// There is no such variable, the value has the wrong type, or another value replaces it.
     pub fn start(&self, name: &str, value: &Written) -> Result<Start> {
+        let name = &*self.name_to_set(name);
         let (component, own) = resolve(&self.components, name, |_, own| Ok(own.to_owned()))?;
         let fmu = &self.components[component].fmu;
         let assigned = assigned(fmu, &own, name, value)?.into_iter();
@@ -224,9 +225,21 @@ impl Plan {
         Ok(())
     }
 
+    /// The name of a variable of which a value is set, without quotes around the name of its component, which may have
+    /// an equals sign.
+    fn name_to_set<'a>(&self, name: &'a str) -> Cow<'a, str> {
+        let quoted = name.strip_prefix('\'').and_then(|rest| rest.split_once("'."));
+        match quoted {
+            Some((component, variable)) if port(&self.components, name).is_err() => {
+                format!("{component}.{variable}").into()
+            }
+            _ => name.into(),
+        }
+    }
+
     /// Whether a variable, `component.variable`, is a structural parameter.
     fn is_structural(&self, name: &str) -> bool {
-        let port = port(&self.components, name);
+        let port = port(&self.components, &self.name_to_set(name));
         let causality = port.map(|port| port.of(&self.components).causality);
         causality.is_ok_and(|causality| causality == Causality::StructuralParameter)
     }
