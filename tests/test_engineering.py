@@ -24,7 +24,7 @@ from fmu_master.gym import FmuEnv
 from fmu_master.linear import Linear, linearize
 from fmu_master.testing import assert_carries
 from fmu_master.tuning import Tuned, tune
-from native import LOOPS, replaced
+from native import LOOPS, SOURCES, in_c, replaced
 from pendulum_fmus.project import ROOT
 
 # --- the example test suite -----------------------------------------------------------------------
@@ -415,6 +415,42 @@ def test_linearize_gives_the_loop_of_the_linear_plant_and_a_pid(fmus):
     start = {"plant.theta0": 0.3, "plant.dynamics": "nonlinear"}
     with pytest.raises(FmuError, match=r"differ by .* from those of a linear model"):
         linearize(loop, start_values=start, inputs=["plant.u"], outputs=["plant.theta"])
+
+
+def valve(folder: Path, low: float, high: float) -> Path:
+    """Write an FMU with x' = u - sqrt(x) and y = x + u^2 that refuses u outside its bounds."""
+    xml = (SOURCES / "valve.xml").read_text(encoding="utf-8")
+    xml = replaced(xml, {'min="0" max="1"': f'min="{low}" max="{high}"'})
+    return in_c(folder / "Valve.fmu", f"LOW={low}", f"HIGH={high}", xml=xml)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "u"),
+    [(0, 1, 0.0), (0, 1, 1.0), (0, 1, 1e-6), (0.1, 0.3, 0.2), (0, 1e-9, 0.0), (0, 1e-9, 5e-10)],
+)
+@pytest.mark.parametrize("x", [0.001, 1e-6])
+def test_linearize_keeps_to_the_bounds_of_inputs_and_states(tmp_path, low, high, u, x):
+    model = linearize(valve(tmp_path, low, high), start_values={"x": x, "u": u})
+    assert model.A.item() == pytest.approx(-0.5 / math.sqrt(x), rel=1e-4)
+    assert model.B.item() == pytest.approx(1, rel=1e-6)
+    assert model.C.item() == pytest.approx(1, rel=1e-6)
+    assert model.D.item() == pytest.approx(2 * u, rel=1e-6, abs=1e-9)
+
+
+def test_linearize_of_an_input_that_cannot_vary_says_so(tmp_path):
+    with pytest.raises(FmuError, match=r"u can only be 0\.5, expected a range from `min`"):
+        linearize(valve(tmp_path, 0.5, 0.5), start_values={"u": 0.5})
+
+
+@pytest.mark.parametrize(("low", "high"), [(1, 2), (0, 1), (1, 1.00002), (0.99999, 1.00001)])
+def test_linearize_of_a_system_keeps_to_the_bounds_of_inputs(tmp_path, low, high):
+    """At x = u = 1, x' = u - x / 2 is held for steps of 0.1 s."""
+    component = {"fmu": valve(tmp_path, low, high), "start": {"x": 1.0, "u": 1.0}}
+    system = System(components={"v": component}, step=0.1, stop=2.0, tolerance=1e-10)
+    model = linearize(system, inputs="v.u", outputs="v.y", tolerance=1e-4)
+    assert model.poles.real == pytest.approx([-0.5], rel=1e-4)
+    assert model.D.item() == pytest.approx(2, rel=1e-4)
+    assert (model.C @ model.B).item() == pytest.approx(2 - 2 * math.exp(-0.05), rel=1e-4)
 
 
 # --- reinforcement learning -----------------------------------------------------------------------

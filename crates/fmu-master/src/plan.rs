@@ -31,7 +31,7 @@ pub struct Plan {
     pub(crate) input: Option<Input>,
     pub(crate) wiring: Wiring,
     /// The smallest and the largest value of each column that the model description allows.
-    pub(crate) bounds: Vec<[Option<f64>; 2]>,
+    pub bounds: Vec<[Option<f64>; 2]>,
     /// Choices of the master that the user may want to override, as sentences.
     pub notes: Vec<String>,
 }

@@ -135,10 +135,11 @@ impl Names {
     /// There is no such variable, or the value does not fit.
     pub fn typed(&self, name: &str, value: Written) -> Result<Vec<(usize, Value)>> {
         let fmu = &self.0.fmu;
-        let value = match fmu.scalar(name).is_some() || value.is_array() {
-            true => value,
-            false => Written::Array(vec![value]),
-        };
+        // The usual case.
+        if let Some(scalar) = fmu.scalar(name) {
+            return Ok(vec![(scalar, value.typed(fmu.variable(scalar), name)?)]);
+        }
+        let value = if value.is_array() { value } else { Written::Array(vec![value]) };
         let typed = assigned(fmu, name, name, &value)?.into_iter();
         let typed = typed.map(|Assigned { scalar, name, value }| {
             Ok((scalar, value.typed(fmu.variable(scalar), &name)?))

@@ -20,7 +20,7 @@ mod _native {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::run::{Runner, compare, points, read, times};
+    use super::run::{Runner, bounds, compare, points, read, times};
 
     #[pymodule_export]
     use super::single::Instance;

@@ -12,7 +12,7 @@ use cargo_fmu::session::Session;
 use fmu_description::Value;
 use fmu_master::run::{Computed, Failed, Outcome, Watch, supervise};
 use fmu_master::table::{self, Series, Tolerance};
-use fmu_master::{Call, Column, Experiment, Message, Messages};
+use fmu_master::{Call, Column, Experiment, Message, Messages, Plan};
 use fmu_worker::{Limits, Owned, Worker, available_memory};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
@@ -194,23 +194,30 @@ type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
 /// The start time, stop time and step (s) of a system.
 #[pyfunction]
 pub fn times(py: Python<'_>, system: &str) -> PyResult<(f64, f64, f64)> {
-    let Experiment { start, stop, step } = experiment(py, system)?;
+    let Experiment { start, stop, step } = plan(py, system)?.experiment;
     Ok((start, stop, step))
 }
 
 /// The communication points of a system (s) and the one after the last, as bytes.
 #[pyfunction]
 pub fn points<'py>(py: Python<'py>, system: &str) -> PyResult<Bound<'py, PyByteArray>> {
-    let experiment = experiment(py, system)?;
+    let Plan { experiment, .. } = plan(py, system)?;
     let points = (0..=experiment.steps().map_err(error)?).map(|k| experiment.time(k));
     let bytes = Vec::from_iter(points.flat_map(f64::to_ne_bytes));
     Ok(PyByteArray::new(py, &bytes))
 }
 
-fn experiment(py: Python<'_>, system: &str) -> PyResult<Experiment> {
+/// The smallest and the largest value of each recorded variable of a system, None where there is none.
+#[pyfunction]
+pub fn bounds(py: Python<'_>, system: &str) -> PyResult<Vec<[Option<f64>; 2]>> {
+    Ok(plan(py, system)?.bounds)
+}
+
+fn plan(py: Python<'_>, system: &str) -> PyResult<Plan> {
     let system: System = given(system).map_err(error)?;
     let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
-    Ok(py.detach(|| system.plan(&never)).map_err(error)?.0.experiment)
+    let (plan, _) = py.detach(|| system.plan(&never)).map_err(error)?;
+    Ok(plan)
 }
 
 pub fn error(error: anyhow::Error) -> PyErr {

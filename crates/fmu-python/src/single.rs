@@ -149,7 +149,8 @@ fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
 /// Values of variables, by their names.
 type Values<'py> = Vec<(PyBackedStr, Bound<'py, PyAny>)>;
 
-/// A variable as Python gets it: name, causality, variability, type, unit, start values, description, dimensions.
+/// A variable as Python gets it: name, causality, variability, type, unit, start values, description, dimensions,
+/// smallest and largest value.
 type Described<'py> = (
     String,
     &'static str,
@@ -159,6 +160,8 @@ type Described<'py> = (
     Vec<Bound<'py, PyAny>>,
     String,
     Vec<usize>,
+    Option<Bound<'py, PyAny>>,
+    Option<Bound<'py, PyAny>>,
 );
 
 #[pymethods]
@@ -201,6 +204,8 @@ impl Instance {
         let described = self.names.variables().iter().map(|variable| {
             let Variable { name, causality, variability, of_type, unit, start, .. } = variable;
             let start = start.iter().map(|value| to_python(py, value.clone()));
+            let bound =
+                |value: &Option<Value>| value.clone().map(|value| to_python(py, value)).transpose();
             Ok((
                 name.clone(),
                 causality.as_str(),
@@ -210,6 +215,8 @@ impl Instance {
                 start.collect::<PyResult<_>>()?,
                 variable.description.clone(),
                 variable.dimensions.clone(),
+                bound(&variable.min)?,
+                bound(&variable.max)?,
             ))
         });
         described.collect()

@@ -29,6 +29,9 @@ class Variable(NamedTuple):
     """Its start value, a list of them for an array, or None."""
     description: str
     dimensions: tuple[int, ...]
+    min: Any
+    """Its smallest value, or None."""
+    max: Any
 
 
 class State:
@@ -121,11 +124,10 @@ class Instance:
     def variables(self) -> dict[str, Variable]:
         """The variables of the FMU by name."""
         variables = {}
-        for *words, unit, start, description, dimensions in self._native.variables():
+        for *words, start, description, dimensions, low, high in self._native.variables():
             value = start if dimensions else next(iter(start), None)
-            variables[words[0]] = Variable._make(
-                [*words, unit, value, description, tuple(dimensions)]
-            )
+            rest = [value, description, tuple(dimensions), low, high]
+            variables[words[0]] = Variable._make([*words, *rest])
         return variables
 
     @property

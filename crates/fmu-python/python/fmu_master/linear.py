@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._values import one_or_more
-from .instance import Instance
-from .responses import Signals, realize, respond
+from .instance import Instance, Variable
+from .responses import Signals, limits, realize, respond
 from .result import FmuError
 from .system import System, is_fmu
 
@@ -27,7 +27,7 @@ _Pairs = Sequence[Sequence[str]]
 """The names of states and their derivatives."""
 
 _DIFFERENCE = np.finfo(float).eps ** (1 / 3)
-"""The step of central differences, relative to the larger of 1 and the magnitude of a value."""
+"""The step of differences, relative to the larger of 1 and the magnitude of a value."""
 
 
 @dataclass(frozen=True)
@@ -123,11 +123,14 @@ def linearize(
     """Return the linear model of an FMU for model exchange, or of a system, at a point of a run.
 
     The model of an FMU has continuous time and the states of the FMU. It is computed from the
-    directional derivatives, or from central differences if the FMU does not provide them.
+    directional derivatives, or from differences of second order if the FMU does not provide them.
 
     The model of a system, with all its controllers, has discrete time, with the communication step.
     It responds like the system to a pulse that is added to each input for one step, from the point
     to the stop time, and has the smallest number of states for this, named x1, x2, ...
+
+    Deviations keep to the `min` and `max` of states and inputs: where a bound is near, they are on
+    the other side of the point.
 
     Parameters
     ----------
@@ -199,7 +202,7 @@ def _of_fmu(
         names = [_continuous(fmu, "input") if inputs is None else inputs]
         names.append(_continuous(fmu, "output") if outputs is None else outputs)
         for name in names[0]:
-            found = fmu.variables.get(name) or fmu.variables.get(name.rpartition("[")[0])
+            found = _variable(fmu, name)
             if found is not None and found.causality != "input":
                 raise FmuError(f"{name} has the causality {found.causality}, expected an input")
         pairs, are_directional = fmu._native.equations()
@@ -234,7 +237,7 @@ def _directional(fmu: Instance, pairs: _Pairs, inputs: _Names, outputs: _Names) 
 
 
 def _differences(fmu: Instance, pairs: _Pairs, inputs: _Names, outputs: _Names) -> np.ndarray:
-    """Return [[A, B], [C, D]] from central differences."""
+    """Return [[A, B], [C, D]] from differences of second order within the bounds of variables."""
     at, given = fmu.continuous_states, np.array([float(fmu.get(name)) for name in inputs])
     point = np.concatenate([at, given])
 
@@ -244,11 +247,41 @@ def _differences(fmu: Instance, pairs: _Pairs, inputs: _Names, outputs: _Names) 
         got = [float(fmu.get(name)) for name in outputs]
         return np.concatenate([fmu.derivatives(), got])
 
+    middle = evaluate(point)
     columns = []
-    for index, value in enumerate(point):
-        high, low = point.copy(), point.copy()
-        high[index] += _DIFFERENCE * max(1.0, abs(value))
-        low[index] -= _DIFFERENCE * max(1.0, abs(value))
-        columns.append((evaluate(high) - evaluate(low)) / (high[index] - low[index]))
+    for index, name in enumerate([*(state for state, _ in pairs), *inputs]):
+        changes = []
+        for neighbour in _neighbours(fmu, name, float(point[index])):
+            values = point.copy()
+            values[index] = neighbour
+            changes.append((neighbour - point[index], evaluate(values) - middle))
+        (a, of_a), (b, of_b) = changes
+        # The slope of the parabola through the three points.
+        columns.append((of_a * (b / a) - of_b * (a / b)) / (b - a))
     evaluate(point)
     return np.reshape(columns, (len(point), len(pairs) + len(outputs))).T
+
+
+def _neighbours(fmu: Instance, name: str, value: float) -> tuple[float, float]:
+    """Return the values of a difference: on both sides, or on one if a bound is near."""
+    variable = _variable(fmu, name)
+    low, high = limits(name, value, *((variable.min, variable.max) if variable else (None, None)))
+    step = _DIFFERENCE * max(1.0, abs(value))
+    below, above = value - low, high - value
+    # Near a bound, a derivative may change quickly, as that of a square root at 0.
+    margin = min(below, above) / 64
+    is_inside = margin > 1e-4 * step
+    on_both = min(step, margin if is_inside else 64 * margin)
+    on_one = min(step, max(below, above) / 2)
+    if is_inside or on_both > on_one:
+        others = (value - on_both, value + on_both)
+    else:
+        on_one = on_one if above > below else -on_one
+        others = (value + on_one, value + 2 * on_one)
+    first, second = (min(max(other, low), high) for other in others)
+    return first, second
+
+
+def _variable(fmu: Instance, name: str) -> Variable | None:
+    """Return a variable by its name or by that of an element."""
+    return fmu.variables.get(name) or fmu.variables.get(name.rpartition("[")[0])

@@ -51,10 +51,10 @@ def respond(
 
     before = run(outputs)
     responses = []
-    for name in inputs:
+    for name, bounds in zip(inputs, system._bounds(inputs), strict=True):
         held = float(run([name])[0, 0])
-        size = deviation * max(1.0, abs(held))
-        once, half = ((run(outputs, (name, s, held)) - before) / s for s in (size, -size / 2))
+        size, other = _pulses(name, held, deviation * max(1.0, abs(held)), bounds)
+        once, half = ((run(outputs, (name, s, held)) - before) / s for s in (size, other))
         # Of the largest response until each sample: later, that of an integrator may hide a limit.
         errors, sizes = (np.maximum.accumulate(np.abs(h)) for h in (once - half, half))
         apart = errors > 0.01 * sizes + tolerance * sizes[-1]
@@ -62,11 +62,35 @@ def respond(
             output = outputs[int(np.argmax(np.any(apart, axis=0)))]
             raise FmuError(
                 f"{output} does not respond to {name} in proportion to pulses of {size:g} and "
-                f"{-size / 2:g}, expected a smaller deviation than {deviation:g}"
+                f"{other:g}, expected a smaller deviation than {deviation:g}"
             )
         # Richardson extrapolation cancels the error of second order.
-        responses.append((once + 2 * half) / 3)
+        responses.append((once * (other / size) - half) / (other / size - 1))
     return np.stack(responses, axis=2), float(times[index]), step
+
+
+Bounds = tuple[float | None, float | None]
+"""The smallest and the largest value that a variable may have, or None."""
+
+
+def limits(name: str, value: float, low: float | None, high: float | None) -> tuple[float, float]:
+    """Return the limits of deviations from a value; one beyond a bound shows that it is none."""
+    low = -np.inf if low is None or value < low else low
+    high = np.inf if high is None or value > high else high
+    if low == high:
+        raise FmuError(f"{name} can only be {value}, expected a range from `min` to `max`")
+    return low, high
+
+
+def _pulses(name: str, held: float, size: float, bounds: Bounds) -> tuple[float, float]:
+    """Return the heights of two pulses, the second half as high, on both sides if possible."""
+    low, high = limits(name, held, *bounds)
+    below, above = held - low, high - held
+    if min(below, above) >= size / 2 and max(below, above) >= size:
+        size = size if above >= size else -size
+        return size, -size / 2
+    size = min(size, max(below, above)) * (1 if above > below else -1)
+    return size, size / 2
 
 
 def _with_pulse(system: System, name: str, size: float, time: float, step: float) -> System | None:

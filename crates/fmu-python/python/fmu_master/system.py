@@ -117,6 +117,10 @@ class System:
         """Return the communication points [s], and the one after the stop time."""
         return np.frombuffer(_native.points(self._given({})))
 
+    def _bounds(self, names: Sequence[str]) -> list[tuple[float | None, float | None]]:
+        """Return the smallest and the largest value of variables, or None where there is none."""
+        return _native.bounds(self._given({"outputs": names}))
+
     def _given(self, changes: Mapping[str, Any], sets: Sequence[tuple[str, str]] = ()) -> str:
         """Return what the native module needs of the system."""
         text = None if self.description is None else self._text()
