@@ -622,6 +622,45 @@ def test_a_component_in_python_is_called_at_its_samples_and_may_raise(loop, in_p
         passing(loop, step=interrupt).simulate(in_process=in_process)
 
 
+class Counter:
+    """Counts its calls, in an attribute and in a list."""
+
+    def __init__(self) -> None:
+        self.unused = threading.Lock()  # cannot be pickled
+        self.reset()
+
+    def reset(self) -> None:
+        self.count, self.list = 0.0, []
+
+    def step(self, time: float) -> float:
+        self.count += 1
+        self.list.append(time)
+        return self.count
+
+    def passed(self, time: float) -> float:
+        return time
+
+    __call__ = step
+
+
+def test_a_state_that_a_run_leaves_to_the_next_is_reset_or_a_warning(recwarn):
+    def last(step, reset=None) -> list[float]:
+        component = python_component([], ["y"], step, reset=reset)
+        system = System(components={"a": component}, step=0.5, stop=1.0)
+        return [float(system.simulate()["a.y"][-1]) for _ in range(3)]
+
+    counter = Counter()
+    assert last(counter.step, counter.reset) == [3, 3, 3]
+    assert last(Counter().passed) == [1, 1, 1]
+    assert last(lambda time: time) == [1, 1, 1]
+    assert last(math.sqrt) == [1, 1, 1]
+    assert not recwarn
+    for step in (Counter().step, Counter()):
+        with pytest.warns(UserWarning, match=r"changed count, list of .*Counter.* `reset`") as told:
+            assert last(step) == [3, 6, 9]
+        assert [warning.filename for warning in told] == [__file__]
+
+
 def test_components_in_python_have_what_fmus_have():
     """Inputs over time, faults, the parallel order, start values and types, in closed form."""
     types = {"n": "Int64", "m": "Int64", "on": "Boolean", "off": "Boolean"}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
+import pickle
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ._values import one_or_more
@@ -20,6 +23,21 @@ class PythonComponent:
     units: Mapping[str, str]
     types: Mapping[str, str]
     reset: Callable[[], object] | None
+    _before: list[dict[str, Any]] = field(default_factory=list, repr=False, compare=False)
+    """The state before the first run, and before the second one."""
+
+    def begin(self) -> None:
+        """Prepare a run: reset the function, or warn of a state that the first run has left."""
+        if self.reset is not None:
+            self.reset()
+        elif len(self._before) < 2:
+            self._before.append(_state(self.step))
+            first, last = self._before[0], self._before[-1]
+            changed = [name for name in last if last[name] != first.get(name)]
+            if changed:
+                text = f"the run before has changed {', '.join(changed)} of {_owner(self.step)!r}"
+                expected = "expected `reset` in `python_component`, which begins each run anew"
+                warnings.warn(f"{text}, {expected}", stacklevel=3)
 
     def signature(self) -> dict[str, Any]:
         """Return what the native module needs of it."""
@@ -31,6 +49,25 @@ class PythonComponent:
         variables = {"inputs": self.inputs, "outputs": self.outputs}
         arguments = {key: [argument(name) for name in names] for key, names in variables.items()}
         return {"sample_time": self.sample_time} | arguments
+
+
+def _owner(step: Callable[..., Any]) -> object:
+    """Return the object of a method, or the callable object itself."""
+    return getattr(step, "__self__", step) if inspect.ismethod(step) else step
+
+
+def _state(step: Callable[..., Any]) -> dict[str, Any]:
+    """Return what tells the values of the attributes of an object from others, by name."""
+    owner = _owner(step)
+    if inspect.isroutine(owner) or inspect.isclass(owner):
+        return {}
+    state: dict[str, Any] = {}
+    for name, value in getattr(owner, "__dict__", {}).items():
+        try:
+            state[name] = pickle.dumps(value)
+        except Exception:  # whatever the object raises
+            state[name] = id(value)
+    return state
 
 
 def python_component(
@@ -61,7 +98,8 @@ def python_component(
     types
         Types of variables by name: "Float64", which is the default, "Int64" or "Boolean".
     reset
-        Called before each run, for a function that keeps a state.
+        Called before each run, for a function that keeps a state. Without it, a run begins with the
+        state that the one before has left; a warning says so if the function is a method.
 
     Examples
     --------

@@ -198,8 +198,7 @@ class System:
             shown = stack.enter_context(_progress()) if progress else None
             functions = [function for _, function in self._functions()]
             for function in functions:
-                if function.reset is not None:
-                    function.reset()
+                function.begin()
             given = self._given(changes, texts(start_values))
             done = runner.run(given, [function.step for function in functions], shown)
         for text in done["warnings"]:
