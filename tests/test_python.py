@@ -465,6 +465,9 @@ def test_whole_numbers_of_64_bits_keep_all_digits_in_runs_and_tables(echo, tmp_p
         result = simulate(echo, input=given, step_size=0.25)
         assert result["yw"].tolist() == [1, 1, 1, LARGEST, LARGEST]  # before each step
     assert read(tmp_path / "w.parquet")["w"].tolist() == [1, LARGEST]
+    polars.DataFrame({"time": time}).write_parquet(tmp_path / "z.parquet", compression="zstd")
+    with pytest.raises(FmuError, match="compression is ZSTD, expected SNAPPY or none"):
+        read(tmp_path / "z.parquet")
     tables = [{"time": time, "w": [1, last]} for last in (LARGEST, LARGEST - 1)]
     assert compare(*tables, relative=0).reference["w"].tolist() == [1, LARGEST]
     names = dict.fromkeys(("reference", "output", "error", "control"), "a.yA[1,1]")
@@ -500,9 +503,27 @@ def test_an_array_of_another_shape_is_an_error_with_both_shapes(echo, shape):
     ):
         with pytest.raises(FmuError, match=rf"A = \[.*\]: values: {shape}, expected 2 x 3$"):
             use()
+
+
+def test_arrays_are_set_in_their_shape_also_with_other_sizes(echo, fmus):
     matrix = np.arange(6.0).reshape(2, 3)
     assert simulate(echo, start_values={"A": matrix})["yA"][-1].tolist() == matrix.ravel().tolist()
+    system = System(components={"a": echo}, step=0.5, stop=1.0)
     assert system.simulate({"a.A": matrix.tolist()})["a.yA[2,3]"][-1] == 5
+
+    def arrays(count: int) -> dict[str, object]:
+        return {"rbf.c": np.linspace(-1, 1, count), "rbf.b": [0.5] * count, "rbf.w0": [0] * count}
+
+    start = {"rbf.nodes": 2, **arrays(2)}
+    nodes = System(components={"a": {"fmu": fmus / "PidRbf_fmi3.fmu", "start": start}}, step=0.001)
+    nodes = nodes.changed(stop=0.01, outputs=["a.rbf.c"])
+    changes = {f"a.{name}": value for name, value in {"rbf.nodes": 3, **arrays(3)}.items()}
+    with nodes.loaded() as loaded:
+        for _ in range(2):
+            assert loaded.simulate()["a.rbf.c"][-1].tolist() == [-1, 1]
+            assert loaded.simulate(changes)["a.rbf.c"][-1].tolist() == [-1, 0, 1]
+            with pytest.raises(FmuError, match=r"rbf\.b = \[.*\]: values: 2, expected 3$"):
+                loaded.simulate({name: changes[name] for name in ("a.rbf.nodes", "a.rbf.c")})
 
 
 FORKED = """

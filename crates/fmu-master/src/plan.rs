@@ -159,9 +159,14 @@ impl Plan {
         Ok((self, starts))
     }
 
-    /// The start values of structural parameters in a list for [`Plan::set`].
+    /// The start values in a list for [`Plan::set`] that make another plan: those of structural parameters, and with
+    /// them those of arrays, whose sizes may differ from the ones in the description.
     pub fn sizes<'a>(&self, sets: &'a [(String, String)]) -> Vec<&'a (String, String)> {
-        sets.iter().filter(|(name, _)| self.is_structural(name)).collect()
+        if !sets.iter().any(|(name, _)| self.is_structural(name)) {
+            return Vec::new();
+        }
+        let is_array = |value: &String| Written::Text(value.clone()).is_array();
+        sets.iter().filter(|(name, value)| self.is_structural(name) || is_array(value)).collect()
     }
 
     /// The other start values in such a list, for [`Plan::simulate`].

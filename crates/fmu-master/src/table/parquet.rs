@@ -4,14 +4,15 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use fmu_description::{Type as Kind, Value};
 use fmu_file::replace::Replacement;
-use parquet::basic::{LogicalType, Repetition, Type as Physical};
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{
     BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type, Int64Type,
 };
 use parquet::errors::ParquetError;
+use parquet::file::metadata::{ColumnChunkMetaData, RowGroupMetaData};
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
@@ -126,6 +127,13 @@ fn typed<T: DataType>(
 /// Reads a file with columns of plain values.
 pub(super) fn read(file: &Path) -> Result<Vec<Series>> {
     let reader = SerializedFileReader::new(File::open(file)?)?;
+    let columns = reader.metadata().row_groups().iter().flat_map(RowGroupMetaData::columns);
+    for compression in columns.map(ColumnChunkMetaData::compression) {
+        let is_known = matches!(compression, Compression::UNCOMPRESSED | Compression::SNAPPY);
+        let name = compression.to_string();
+        let name = name.split('(').next().unwrap_or_default();
+        ensure!(is_known, "its compression is {name}, expected SNAPPY or none");
+    }
     let fields = reader.metadata().file_metadata().schema().get_fields();
     let mut table = Vec::from_iter(fields.iter().map(|field| Series::titled(field.name())));
     for row in reader.get_row_iter(None)? {
