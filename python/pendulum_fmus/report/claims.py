@@ -1,8 +1,7 @@
 """Statements and their verdicts: quotation, criterion, measurement.
 
-A verdict is never written down: it follows from the rows of the numbers. A claim holds if it
-holds by every row, holds in part if by some, and does not hold if by none; likewise a statement by
-its claims.
+A verdict is never written down: it follows from the rows of the numbers, and a statement's from
+its claims. `Verdict` defines them all.
 """
 
 import math
@@ -21,6 +20,9 @@ COLUMNS = ("PID", "PID-RBF", "IPID-RBF", OWN)
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
+MEASURED = re.compile(r"[−\d](?:[−\d., ·⁻⁰¹²³⁴⁵⁶⁷⁸⁹]|to)*")
+"""A cell that has a unit: a number, a range or a list of numbers."""
+
 
 def number(value: float, digits: int = 4) -> str:
     """Return a number with `digits` significant digits; "never" for NaN and infinity."""
@@ -37,6 +39,15 @@ def number(value: float, digits: int = 4) -> str:
     return text.replace("-", "−")
 
 
+def with_unit(cell: str, unit: str) -> str:
+    """Return a cell with its unit, as in "5 samples" and "−1.448/s"."""
+    if unit in ("", "1") or not MEASURED.fullmatch(cell):
+        return cell
+    if (cell, unit) == ("1", "samples"):
+        unit = "sample"
+    return cell + unit.removeprefix("1") if unit.startswith("1/") else f"{cell} {unit}"
+
+
 class Shown(float):
     """A number with a typographic minus; its format can be a number of significant digits."""
 
@@ -46,15 +57,16 @@ class Shown(float):
 
 
 class Verdict(Enum):
-    """Verdict on a statement: label and class on the page, and a sign that needs no colour."""
+    """Verdict on a statement: label, sign without colour, class on the page, and definition."""
 
-    HOLDS = ("holds", "✓", "holds")
-    PART = ("holds in part", "◐", "partly")
-    FAILS = ("does not hold", "✗", "fails")
-    FITTED = ("fitted", "○", "fitted")
+    HOLDS = ("holds", "✓", "holds", "it passes every measure of its criterion")
+    PART = ("holds in part", "◐", "partly", "it passes some measures, or some of its clauses hold")
+    FAILS = ("does not hold", "✗", "fails", "it passes none")
+    FITTED = ("fitted", "○", "fitted", "it passes with a number that was chosen so that it does")
+    UNCLAIMED = ("not a claim", "–", "unclaimed", "it assumes or defines; the measures are shown")
 
-    def __init__(self, label: str, sign: str, css: str):
-        self.label, self.sign, self.css = label, sign, css
+    def __init__(self, label: str, sign: str, css: str, meaning: str):
+        self.label, self.sign, self.css, self.meaning = label, sign, css, meaning
 
 
 def judge(decisive: Sequence[bool]) -> Verdict:
@@ -92,13 +104,12 @@ class Row:
         """Return the name and the values with their unit, for a sentence."""
         name, _, unit = self.name.removesuffix("]").partition(" [")
         article = "the " if re.match(r"[a-z]{4}|max |lag ", name) else ""
-        unit = "" if unit in ("", "1") else f" {unit}"
-        shown = []
-        for column, value, cell in zip(columns, self.values, self.cells(), strict=True):
-            measured = cell != "never" and (isinstance(value, float) or " to " in cell)
-            if cell and column != OWN:
-                shown.append(f"{column} {cell}{unit if measured else ''}")
-        return f"{article}{name}: {', '.join(shown)}"
+        shown = [
+            f"{column} {with_unit(cell, unit)}"
+            for column, cell in zip(columns, self.cells(), strict=True)
+            if cell and column != OWN
+        ]
+        return f"{article}{name} ({', '.join(shown)})"
 
 
 @dataclass(frozen=True)
@@ -111,27 +122,30 @@ class Claim:
     rows: Sequence[Row]
     remark: str = ""  # what else the reader should know
     fitted: bool = False  # whether a number was chosen so that the claim holds
+    claimed: bool = True  # rather than assumed or defined
     own: "Claim | None" = None  # the same if IPID-RBF learns its own force (29)
 
     @property
     def verdict(self) -> Verdict:
         """The verdict that follows from the rows."""
+        if not self.claimed:
+            return Verdict.UNCLAIMED
         found = judge([row.holds for row in self.rows if row.holds is not None])
         return Verdict.FITTED if self.fitted and found is Verdict.HOLDS else found
 
     @property
     def reason(self) -> str:
-        """A sentence with the first row that decides: one that fails, if any does."""
+        """How many measures pass, and the first of them: one that fails, if any does."""
         held = [row for row in self.rows if row.holds]
         missed = [row for row in self.rows if row.holds is False]
         count = len(held) + len(missed)
         told = (missed or held)[0].told(self.columns)
         if held and missed:
-            return f"It holds by {len(held)} of {count} measures, but not by {told}."
-        by = {1: "this measure,", 2: "both measures, such as"}.get(
-            count, f"all {count} measures, such as"
-        )
-        return f"It {'fails' if missed else 'holds'} by {by} {told}."
+            return f"{len(held)} of {count} measures pass. The first that fails: {told}."
+        if count == 1:
+            return f"{'Fails' if missed else 'Passes'}: {told}."
+        which = "Both" if count == 2 else f"All {count}"
+        return f"{which} measures {'fail' if missed else 'pass'}, first {told}."
 
 
 @dataclass(frozen=True)

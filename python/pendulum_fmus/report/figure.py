@@ -305,5 +305,5 @@ def gains(data: Data) -> list[list[Curve]]:
 def lyapunov(data: Data) -> list[list[Curve]]:
     """Return the magnitude of the error, and the sum of its squares."""
     traces = {kind: data(kind) for kind in SHOWN[1:]}
-    sums = [Curve(f"V/{kind}", trace.t, energy_of(trace), kind) for kind, trace in traces.items()]
+    sums = [Curve(f"V/{kind}", trace.t, energy_of(trace.e), kind) for kind, trace in traces.items()]
     return [magnitudes(traces), sums]

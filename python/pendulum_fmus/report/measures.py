@@ -222,9 +222,14 @@ def roughness(trace: Trace) -> float:
     return max(change(part.part((part.t[0] + 0.1, 99.0)).u) for part in half_periods(trace))
 
 
-def energy_of(trace: Trace) -> np.ndarray:
-    """Return V₁ of section 3.2 [rad²], shape (steps,)."""
-    return np.cumsum(trace.e**2) / 2
+def energy_of(error: np.ndarray) -> np.ndarray:
+    """Return V₁ of section 3.2 [unit of the error squared], shape (steps,)."""
+    return np.cumsum(error**2) / 2
+
+
+def loss(error: np.ndarray) -> float:
+    """Return the share of samples at which V₁ falls."""
+    return float(np.mean(np.diff(energy_of(error)) < 0))
 
 
 def quiet(trace: Trace) -> Trace:
@@ -353,14 +358,19 @@ MEASURES = {
     "late_rms": Measure("RMS of e from 19 s on", "rad", lambda t: rms(after(t, 19).e)),
     "rms_10": Measure("RMS of e from 10 s on", "rad", lambda t: rms(after(t, 10).e)),
     "after_start": Measure("max |e| from 1 s on", "rad", lambda t: largest(after(t, 1).e)),
-    "sums": Measure("share of samples at which V falls", "1",
-                    lambda t: float(np.mean(np.diff(energy_of(t)) < 0)), learns=True),
+    "sums": Measure("share of samples at which V falls", "1", lambda t: loss(t.e), learns=True),
+    "force_sums": Measure("share of samples at which V falls, of u_n − u", "1",
+                          lambda t: loss(t.u_n - t.u), learns=True),
     "falling": Measure("share of samples at which |e| falls", "1", lambda t: falling_share(t.e)),
+    "force_falling": Measure("share of samples at which |u_n − u| falls", "1",
+                             lambda t: falling_share(t.u_n - t.u), learns=True),
     "angle": Measure("largest |θ|", "°", lambda t: math.degrees(largest(t.theta))),
     # disturbance
     "deviation": Measure("largest deviation", "rad", deviation),
     "displaced": Measure("∫|θ − r| dt, 5 s to 10 s", "rad s",
                          lambda t: integral(np.abs((p := after_pulse(t)).theta - p.r), t.ts)),
+    "returned": Measure("∫|e| dt, 5.5 s to 10 s", "rad s",
+                        lambda t: iae(t.part((PULSE[1], 10.0)))),
     # force
     "variation": Measure("total variation of u", "N", lambda t: variation(t.u)),
     "energy": Measure("∫u² dt", "N² s", lambda t: integral(t.u**2, t.ts)),

@@ -37,7 +37,7 @@ NEEDED = range(20, 77, 8)
 UNBROKEN = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|I?PID-RBF")
 """What must not be broken into two lines: numbers with powers of ten, names of controllers."""
 
-SUBSCRIPT = re.compile(r"\b([a-zA-Z])_([a-z0-9])(?![a-zA-Z0-9_])")
+SUBSCRIPT = re.compile(r"\b([a-zA-Zū])_([a-z0-9])(?![a-zA-Z0-9_])")
 """A symbol of one letter with a subscript, such as u_n."""
 
 QUANTITY = re.compile(r"(\d) (%|s|ms|Hz|N|rad|kg|m)(?![\w/])")
@@ -155,9 +155,9 @@ class Line:
     verdict: Verdict
 
     @property
-    def starless(self) -> bool:
-        """Whether it is of Table 1 as printed: no settling time, no fitted weights."""
-        return not self.entry.settling and "*" not in self.entry.label[0]
+    def apart(self) -> float:
+        """The difference from the printed number, relative to it."""
+        return self.computed / float(self.entry.printed) - 1
 
     @property
     def shown(self) -> str:
@@ -174,6 +174,8 @@ def lines(data: Data) -> list[Line]:
         computed = entry.computed(data.results[entry.run])
         digits = table1.agrees(computed, entry.printed)
         verdict = judge([entry.holds(computed), digits])
+        if entry.fitted and verdict is Verdict.HOLDS:
+            verdict = Verdict.FITTED
         found.append(Line(entry, computed, digits, verdict))
     return found
 
@@ -198,6 +200,7 @@ def write(
     )
     environment.filters |= {
         "capital": lambda text: text[:1].upper() + text[1:],
+        "percent": lambda share: f"{Shown(100 * share):2} %",
         "md": lambda text: text.replace("|", "\\|"),
         "unbroken": unbroken,
         "typeset": typeset,
@@ -211,6 +214,7 @@ def write(
         "beyond": beyond,
         "counts": counts(parts),
         "lines": table,
+        "judged": texts()["judged"],
         "summary": summary(data, parts, table),
         "headline": top,
         "table1": table1,
@@ -226,7 +230,7 @@ def write(
         "resolution": RESOLUTION,
         # of docs/numbers.md
         "apart": from_print(data),
-        "lost": MEASURES["lost"].of(data, "PID-RBF"),
+        "lost": {kind: MEASURES["lost"].of(data, kind) for kind in SHOWN},
         "pole": max(poles().real),
         "cancelled": float(np.prod(-np.expm1(poles() * TS)).real),
         "forms": abs(difference / held - 1),

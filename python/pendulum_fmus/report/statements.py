@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..loop import TS
+from ..table1 import TRANSIENT_TOLERANCE
 from . import beyond, design, figure, findings
-from .claims import COLUMNS, Claim, Part, Row, Shown, Statement, Verdict, counts, number
+from .claims import COLUMNS, Claim, Part, Row, Shown, Statement, Verdict, counts
 from .figure import Figure
-from .measures import MEASURES, SIGNAL_NAMES, LoopMeasure, Measure, finite, largest, tone
+from .measures import MEASURES, SIGNAL_NAMES, LoopMeasure, Measure, after, finite, largest, tone
 from .runs import KINDS, SIGNALS, Data, Trace
-from .stability import LAWS, RAMP, activation, growth, held_plant, limit, printed_bound
+from .stability import LAWS, RAMP, activation, growth, limit, printed_bound
 
 SPREAD = 1.1
 """Ratio of the largest to the smallest value above which responses count as different."""
@@ -28,7 +29,7 @@ COMPARISONS = {"<": operator.lt, "below": operator.lt, ">": operator.gt, "=": op
 VERBS = {"beat", "settle", "spread", "fall", *COMPARISONS}
 
 
-RANKS = {Verdict.FAILS: 0, Verdict.PART: 1, Verdict.FITTED: 2, Verdict.HOLDS: 2}
+RANKS = dict.fromkeys(Verdict, 2) | {Verdict.FAILS: 0, Verdict.PART: 1}
 """An order of the verdicts."""
 
 
@@ -160,15 +161,17 @@ def facts(data: Data) -> dict[str, Any]:
     """Return the numbers for the texts about the paper."""
     long = data.lasting("PID-RBF")
     at_limit = np.flatnonzero((np.abs(long.u) >= 100) & (long.t > 20))
-    square = data("PID-RBF", "square")
-    bound = printed_bound()
+    square, held = data("PID-RBF", "square"), after(data("PID"), 15)
     return {
         "ramp": RAMP,
+        "pid_ramp": Shown(np.polyfit(held.t, held.u, 1)[0]),
         "saturated": float(long.t[at_limit[0]]),
+        "lost": values_of(data, "lost", ""),
+        "sine_error": findings.sine_error(1.0),
+        "cosine_error": findings.cosine_error(1.0),
         "slow": 1 / growth(LAWS["IPID-RBF"]),
-        "bound": bound,
+        "bound": printed_bound(),
         "activation": activation(),
-        "own_bound": number(bound / float(held_plant()[1][1]) ** 2, 2),
         "ringing": tone(square.part((5.05, 5.35)).u, square.ts),
         "kick": largest(square.u_p),
     }
@@ -214,10 +217,16 @@ def summary(data: Data, parts: Sequence[Part], table: Sequence[Any]) -> list[tup
 
     claims = [claim for part in parts for one in part.statements for claim in one.claims]
     ranks = [(RANKS[one.verdict], RANKS[one.own.verdict]) for one in claims]
-    sine, printed = of("iae", "sine"), [line for line in table if line.starless]
+    sine, printed = of("iae", "sine"), [line for line in table if not line.entry.fitted]
+    apart = [line for line in printed if not line.digits]
+    weights = [abs(line.apart) for line in apart if line.entry.label[2] == "sine"]
+    (transient,) = (line.apart for line in apart if line.entry.tolerance == TRANSIENT_TOLERANCE)
     known = {verdict.css: count for verdict, count in counts(parts).items()} | {
-        "held": len(printed),
+        "numbers": len(printed),
         "digits": sum(line.digits for line in printed),
+        "weights": len(weights),
+        "weights_apart": Shown(100 * max(weights)),
+        "transient_apart": Shown(100 * abs(transient)),
         "settings": len(texts()["setting"]),
         "corrections": len(texts()["correction"]),
         "sentences": sum(counts(parts).values()),
@@ -262,23 +271,22 @@ def _claim(data: Data, clause: Mapping[str, Any], known: Mapping[str, Any]) -> C
             name, *arguments = clause["finding"].replace(":", "").split()
             rows += getattr(findings, name)(table, *arguments)
         words, criterion = clause.get("words", ""), clause.get("criterion") or _criterion(clause)
-        remark, fitted = clause.get("remark", "").format_map(known), clause.get("fitted", False)
-        found = Claim(words, criterion, table.columns, rows, remark, fitted, found)
+        remark = clause.get("remark", "").format_map(known)
+        kind = {flag: clause[flag] for flag in ("fitted", "claimed") if flag in clause}
+        found = Claim(words, criterion, table.columns, rows, remark, own=found, **kind)
     return found
 
 
 def _criterion(clause: Mapping[str, Any]) -> str:
     """Return the criterion that the first row implies: "beats" or "stays below"."""
-    words, _, rule = clause["rows"][0].partition(":")
+    rule = clause["rows"][0].partition(":")[2]
     winners, losers = re.split(r" (?:beats?|below) ", rule.strip())
     names, one = winners.replace(" ", " and "), " " not in winners
     if " below " in rule:
         return f"{names} {'stays' if one else 'stay'} below the bound of each row"
-    larger = {MEASURES[key].more for key, _ in expanded(words, SIGNALS)}
-    sense = "larger margins" if larger == {True} else "smaller values"
-    sense += ", or larger margins," * (len(larger) > 1)
-    others = losers.replace(" ", " and ")
-    return f"{names} {'has' if one else 'have'} {sense} than {others}, in each row"
+    return (
+        f"{names} {'is' if one else 'are'} better than {losers.replace(' ', ' and ')} in every row"
+    )
 
 
 def beyond_part(data: Data, part: Mapping[str, Any]) -> Part:
