@@ -37,10 +37,14 @@ FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-ba
 def once(
     tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config
 ) -> Callable[..., Path]:
-    """Return a function that makes a folder once for all processes that run tests."""
+    """Return a function that makes a folder once for all processes that run tests.
+
+    The environment variable ONCE can name a folder that several runs of pytest share.
+    """
     base = tmp_path_factory.getbasetemp()
     # In a process of pytest-xdist, which some workflows do not install.
     base = base.parent if hasattr(pytestconfig, "workerinput") else base
+    base = Path(os.environ.get("ONCE", base))
 
     def make(name: str, write: Callable[[Path], object]) -> Path:
         folder, finished = base / name, base / f"{name}.finished"

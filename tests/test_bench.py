@@ -92,7 +92,8 @@ def test_an_engine_is_measured(
 ) -> None:
     engines = importlib.import_module("engines")
     found = engines.measure(tmp_path, quick=True)
-    assert all(min(found["costs"][f"{engine.name}/{name}"]) > 0 for name in engines.SIGNALS)
+    # A browser's clock is too coarse for so few cycles, which may take no time.
+    assert all(len(found["costs"][f"{engine.name}/{name}"]) == 2 for name in engines.SIGNALS)
     assert re.fullmatch(r"[\d.]+", found["versions"][engine.name])
     assert engine is NODE or found["frames"]["rate"] > 0
 
