@@ -32,7 +32,7 @@ BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
 RUST := --workspace --exclude fmi-judge --exclude fuzz --exclude bench
 # The command line, with the features that it has in the tests, so that it is built once.
 FMU := target/debug/cargo-fmu
-GROUPS := test importers lint portable bench judge wheel setup
+GROUPS := test importers lint portable bench judge node wheel setup
 
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
@@ -176,13 +176,12 @@ merged: program
 conformance: fmus $(VENV)/.test
 	ALL_DEFECTS=1 $(RUN) -m pytest --numprocesses auto tests/test_conformance.py
 
-## system: install the system packages for optional tests with apt-get, as root
-system:
+## system: install what optional tests need: system packages with apt-get, as root, and Node to target/venv
+system: $(VENV)/.node
 	$(call apt,chromium,chromium)
-	$(call apt,node,nodejs)
 	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
 
-## optional: run the tests that `make test` skips without the packages of `make system`
+## optional: run the tests that `make test` skips without what `make system` installs
 optional: fmus module page $(VENV)/.test
 	$(RUN) -m pytest -m needs --numprocesses auto --dist loadfile
 
@@ -241,6 +240,7 @@ $(VENV)/.portable: WHAT = --group portable
 $(VENV)/.bench: WHAT = --group bench
 $(VENV)/.wheel: WHAT = --group wheel
 $(VENV)/.judge: WHAT = --group judge
+$(VENV)/.node: WHAT = --group node
 
 # With uv, which takes a few seconds, or with pip if uv is not available.
 $(VENV)/.%: $(RUN) pyproject.toml requirements.lock

@@ -13,6 +13,7 @@ from playwright.sync_api import Page, sync_playwright
 
 from measure import NATIVE, WASM, run
 from node import in_node
+from node import program as node
 from pendulum_fmus.project import FMUS, ROOT
 
 PAGE = ROOT / "target" / "page" / "index.html"
@@ -131,12 +132,12 @@ def measure(folder: Path, *, quick: bool) -> dict[str, Any]:
     given = [SIGNALS, rounds, cycles]
     costs = {} if quick else in_host(folder, rounds, cycles)
     found: dict[str, Any] = {"costs": costs, "frames": {}, "versions": {}, "sizes": {}}
-    if shutil.which("node"):
+    if node():
         files = {name: component(name) for name in SIGNALS}
         costs |= zip(
             [f"Node/{name}" for name in SIGNALS], in_node(files, CYCLES + NODE, given), strict=True
         )
-        found["versions"]["Node"] = run(["node", "--version"]).strip().removeprefix("v")
+        found["versions"]["Node"] = run([node(), "--version"]).strip().removeprefix("v")
     if shutil.which("chromium"):
         of_page = in_chromium(given, seconds)
         costs |= zip([f"Chromium/{name}" for name in SIGNALS], of_page["times"], strict=True)

@@ -1,8 +1,11 @@
 """Runs FMUs with components in Node by web/fmu.js, with descriptions that FMPy has read."""
 
 import json
+import shutil
 import subprocess
+import sys
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,17 @@ const { files, descriptions, given } = JSON.parse(fs.readFileSync(0, "utf-8"));
 """
 
 
+@cache
+def program() -> str | None:
+    """Return Node, beside Python or on the PATH, if it can decompress FMUs, as 20.12 and newer."""
+    for path in (str(Path(sys.executable).parent), None):
+        if found := shutil.which("node", path=path):
+            command = [found, "--eval", "new DecompressionStream('deflate-raw')"]
+            if subprocess.run(command, capture_output=True, check=False).returncode == 0:
+                return found
+    return None
+
+
 def in_node(files: Mapping[str, Path], script: str, given: object) -> Any:
     """Return what the function `answer` of a script returns for these FMUs and what is given."""
     descriptions = {}
@@ -33,7 +47,7 @@ def in_node(files: Mapping[str, Path], script: str, given: object) -> Any:
         descriptions[name] = {"name": name, "id": id_, "token": d.guid, "variables": variables}
     paths = {name: str(file) for name, file in files.items()}
     text = json.dumps({"files": paths, "descriptions": descriptions, "given": given})
-    program = (ROOT / "web" / "fmu.js").read_text(encoding="utf-8") + script + SCRIPT
-    command = ["node", "--eval", program]
+    code = (ROOT / "web" / "fmu.js").read_text(encoding="utf-8") + script + SCRIPT
+    command = [program(), "--eval", code]
     done = subprocess.run(command, input=text, stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(done.stdout)

@@ -12,6 +12,8 @@ from importlib.util import find_spec
 
 import pytest
 
+import node
+
 
 @dataclass(frozen=True)
 class Tool:
@@ -51,7 +53,7 @@ def _library(file: str, command: str) -> Tool:
 
 
 CHROMIUM = _program("chromium", "make system", "Chromium")
-NODE = _program("node", "make system", "Node")
+NODE = Tool("Node", "make system", lambda: node.program() is not None)
 LIBTBB = _library("libtbb.so.12", "make system")
 VALGRIND = _program("valgrind", "make valgrind")
 WINE = _program("wine", "make elsewhere", "Wine")
