@@ -494,7 +494,9 @@ def test_verdicts_and_reasons_follow_from_the_rows():
     assert claim(True, fitted=True).verdict is Verdict.FITTED
     assert claim(True, claimed=False).verdict is Verdict.UNCLAIMED
     assert Statement("", [claim(True), claim(False)]).verdict is Verdict.PART
-    assert claim(True, False).reason == "1 of 2 measures pass. The first that fails: row 1 (a 1 s)."
+    assert (
+        claim(True, False).reason == "1 of 2 measures passes. The first that fails: row 1 (a 1 s)."
+    )
     assert claim(True, True).reason == "Both measures pass, first row 0 (a 0 s)."
     assert claim(False, False, False).reason == "All 3 measures fail, first row 0 (a 0 s)."
     assert claim(False, None).reason == "Fails: row 0 (a 0 s)."

@@ -141,7 +141,8 @@ class Claim:
         count = len(held) + len(missed)
         told = (missed or held)[0].told(self.columns)
         if held and missed:
-            return f"{len(held)} of {count} measures pass. The first that fails: {told}."
+            some = f"{len(held)} of {count} measures {'pass' if held[1:] else 'passes'}"
+            return f"{some}. The first that fails: {told}."
         if count == 1:
             return f"{'Fails' if missed else 'Passes'}: {told}."
         which = "Both" if count == 2 else f"All {count}"
