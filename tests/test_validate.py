@@ -276,7 +276,7 @@ def test_findings_are_available_as_json_and_sarif(tmp_path: Path) -> None:
     assert next(rule for rule in report["rules"] if rule["id"] == "name-and-guid") == {
         "id": "name-and-guid",
         "severity": "error",
-        "text": "modelName and guid, in FMI 3.0 instantiationToken, are not empty.",
+        "text": "modelName and guid are not empty.",
         "source": "FMI 2.0.5, section 2.2.1",
         "count": 1,
         "findings": [{"file": MODEL_FILE, "line": 2, "variable": None, "text": text}],
@@ -544,7 +544,7 @@ def test_defects_of_what_fmi_3_adds_are_found(tmp_path: Path) -> None:
     assert len(found("UNLOAD SEED", "--quick") - sound) == 2
     other = (SOURCES / "vector.xml").read_text().replace("{vector}", "{other}")
     file = in_c(tmp_path / "Vector.fmu", xml=other)
-    check(findings(file, "--quick"), "error: binaries", "fmi3Instantiate returned NULL")
+    check(findings(file, "--quick"), "error: binaries", "fmi3InstantiateCoSimulation returned NULL")
 
 
 @pytest.mark.parametrize(

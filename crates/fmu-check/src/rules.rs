@@ -120,10 +120,14 @@ impl Check<'_> {
                 ["instantiationToken", "canGetAndSetFMUState", "canSerializeFMUState"]
             }
         };
+        let rule = match self.model.version {
+            FmiVersion::Fmi2 => rule!("name-and-guid"),
+            FmiVersion::Fmi3 => rule!("name-and-token"),
+        };
         for name in ["modelName", token] {
-            let text = root.attribute(name);
-            let is_given = text.is_none_or(|text| !text.trim().is_empty());
-            require!(self, "name-and-guid" at root, is_given, "{name} is empty, expected a string");
+            if root.attribute(name).is_some_and(|text| text.trim().is_empty()) {
+                self.add(rule, root, format!("{name} is empty, expected a string"));
+            }
         }
         if let Some(date) = root.attribute("generationDateAndTime") {
             require!(self, "generation-utc" at root, date.trim().ends_with('Z'),

@@ -20,6 +20,7 @@ use fmu_description::xml::Element;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
+use fmu_host::Kind;
 use fmu_worker::{Ended, Event, Function, Limits, Moment, Worker, available_memory};
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
@@ -189,6 +190,15 @@ struct Task {
     ignored: HashSet<String>,
     /// The rows of the usual run, if the process cannot have an instance for it besides that of the test.
     usual: Option<Trajectory>,
+}
+
+impl Task {
+    fn kind(&self) -> Kind {
+        match self.interface.as_str() {
+            "ModelExchange" => Kind::ModelExchange,
+            _ => Kind::CoSimulation,
+        }
+    }
 }
 
 /// What the process replies, in any number and order until it is done.

@@ -47,15 +47,17 @@ pub const SKIP: &str = "the FMU refuses what it may refuse";
 /// Where findings and the progress of the test go.
 pub struct Report {
     version: FmiVersion,
+    kind: Kind,
     record: Record,
     calls: Mutex<Calls>,
     service: Mutex<Service>,
 }
 
 impl Report {
-    pub fn new(service: Service, version: FmiVersion) -> Self {
+    pub fn new(service: Service, version: FmiVersion, kind: Kind) -> Self {
         Self {
             version,
+            kind,
             calls: service.record().calls(0).into(),
             record: service.record().clone(),
             service: service.into(),
@@ -68,17 +70,17 @@ impl Report {
 
     /// Records what the test is about to do, such as `after fmi2Reset`.
     pub fn stage(&self, text: impl AsRef<str>) {
-        self.record.stage(&in_version(text.as_ref(), self.version));
+        self.record.stage(&self.in_version(text.as_ref()));
     }
 
     pub fn find(&self, rule: &Rule, text: impl AsRef<str>) {
-        let text = in_version(text.as_ref(), self.version).replace(['\n', '\r'], " ");
+        let text = self.in_version(text.as_ref()).replace(['\n', '\r'], " ");
         self.reply(&Reply::Found(rule.id.to_owned(), text));
     }
 
     /// Reports the failure of a test, with its stage and the message logged last.
     pub fn fail(&self, rule: &Rule, text: &str) {
-        let (text, now) = (in_version(text, self.version), self.record.now());
+        let (text, now) = (self.in_version(text), self.record.now());
         let stage = match now.stage.as_str() {
             stage if text.contains(stage) => String::new(),
             stage => format!(" {stage}"),
@@ -91,16 +93,26 @@ impl Report {
     pub fn reply(&self, reply: &Reply) {
         lock(&self.service).reply(reply);
     }
+
+    /// A text with the names of the functions that were called.
+    fn in_version(&self, text: &str) -> String {
+        in_version(text, self.version, self.kind)
+    }
 }
 
 pub fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
     value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The names of FMI 2.0 in a text, as they are in a version of FMI. What is in quotes is the FMU's.
-fn in_version(text: &str, version: FmiVersion) -> String {
-    const NAMES: [[&str; 2]; 14] = [
-        ["fmi2Instantiate", "fmi3Instantiate"],
+/// The names of FMI 2.0 in a text, as they are in a version of FMI for a kind of instance. What is in quotes is the
+/// FMU's.
+fn in_version(text: &str, version: FmiVersion, kind: Kind) -> String {
+    let instantiate = match kind {
+        Kind::ModelExchange => "fmi3InstantiateModelExchange",
+        Kind::CoSimulation => "fmi3InstantiateCoSimulation",
+    };
+    let names: [[&str; 2]; 14] = [
+        ["fmi2Instantiate", instantiate],
         ["fmi2GetRealOutputDerivatives", "fmi3GetOutputDerivatives"],
         ["fmi2GetReal", "fmi3GetFloat64"],
         ["fmi2SetReal", "fmi3SetFloat64"],
@@ -123,7 +135,7 @@ fn in_version(text: &str, version: FmiVersion) -> String {
     let parts = text.split_inclusive('"').map(|part| {
         let renamed = match is_quoted {
             true => part.to_owned(),
-            false => NAMES.iter().fold(part.to_owned(), rename),
+            false => names.iter().fold(part.to_owned(), rename),
         };
         let before = part.trim_end_matches('"');
         let escapes = before.len() - before.trim_end_matches('\\').len();
@@ -136,9 +148,11 @@ fn in_version(text: &str, version: FmiVersion) -> String {
 #[test]
 fn names_of_functions_are_those_of_the_version_but_not_in_quotes() {
     let text = r#"fmi2SetReal for "fmi2\" and "a\"fmi2", fmi2Reset"#;
-    assert_eq!(in_version(text, FmiVersion::Fmi2), text);
+    assert_eq!(in_version(text, FmiVersion::Fmi2, Kind::CoSimulation), text);
     let expected = r#"fmi3SetFloat64 for "fmi2\" and "a\"fmi2", fmi3Reset"#;
-    assert_eq!(in_version(text, FmiVersion::Fmi3), expected);
+    assert_eq!(in_version(text, FmiVersion::Fmi3, Kind::CoSimulation), expected);
+    let of_exchange = in_version("fmi2Instantiate", FmiVersion::Fmi3, Kind::ModelExchange);
+    assert_eq!(of_exchange, "fmi3InstantiateModelExchange");
 }
 
 /// The FMU under test.
@@ -248,10 +262,7 @@ impl<'a> Subject<'a> {
             task,
             model,
             library,
-            kind: match task.interface.as_str() {
-                "ModelExchange" => Kind::ModelExchange,
-                _ => Kind::CoSimulation,
-            },
+            kind: task.kind(),
             element: element.context("it is not of this kind")?,
             resources: library.location(&task.session.join(FMU).join("resources")),
             report,
@@ -412,7 +423,7 @@ fn count(model: &ModelDescription<'_>, unknowns: &[Unknown<'_>]) -> usize {
 
 /// Whether an interface type declares a flag, named as in FMI 2.0.
 pub fn claims(element: &Element<'_>, flag: &str, version: FmiVersion) -> bool {
-    let flag = element.attribute(&in_version(flag, version));
+    let flag = element.attribute(&in_version(flag, version, Kind::default()));
     flag.and_then(boolean) == Some(true)
 }
 

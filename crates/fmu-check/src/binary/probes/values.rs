@@ -793,7 +793,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
     };
     ensure!(
         differs(&rising) || !differs(&higher),
-        "canInterpolateInputs is true, but derivatives of inputs have no effect"
+        "derivatives of inputs have no effect"
     );
     Ok(())
 }
