@@ -169,9 +169,10 @@ impl Description {
     }
 
     /// Order of the time derivatives of outputs that the FMU provides: the derivatives of states are
-    /// known.
+    /// known. Hosts may ask for those of every output that is a real number, also of a discrete one.
     pub(crate) fn max_output_derivative_order(&self) -> u32 {
-        let outputs = self.variables.iter().filter(|v| v.is_continuous_output());
+        let is_real = |v: &&Variable| v.is_output() && v.of_type.is_float();
+        let outputs = self.variables.iter().filter(is_real);
         let mut outputs = outputs.peekable();
         let is_known = outputs.peek().is_some() && outputs.all(Variable::is_state);
         u32::from(self.is_continuous && is_known)
