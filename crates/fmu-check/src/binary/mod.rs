@@ -1,5 +1,6 @@
 //! Tests that run a binary, each in its own process, since the binary may crash, hang or exit.
 
+mod exchange;
 mod probes;
 mod run;
 mod values;

@@ -15,6 +15,7 @@ use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, Instantiation, Kind, Library, Status, Treatment};
 use fmu_worker::{Calls, Function, Record, Service};
 
+use super::exchange::Solver;
 use super::values::{
     EXCITATIONS, Input, MAX_ELEMENTS, Observed, Row, Trajectory, get, inputs, is_tested, other,
 };
@@ -25,7 +26,7 @@ use crate::rules::{is_clocked, is_continuous};
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
 /// In model exchange, every how many steps there is an event.
-const EVENT_EVERY: usize = 10;
+pub const EVENT_EVERY: usize = 10;
 
 /// Reports a finding unless a condition holds: `check!(subject, "memory": bytes == 0, "{bytes} are left")`.
 macro_rules! check {
@@ -167,7 +168,7 @@ pub struct Subject<'a> {
     pub start: f64,
     pub stop: Option<f64>,
     /// Its duration, which is 1 s if it has no stop time.
-    span: f64,
+    pub span: f64,
     /// Its step size in s; if there is none, the one that FMPy would choose.
     pub step: f64,
     /// Relative differences up to this come from the FMU's solver, which has its tolerance.
@@ -220,7 +221,7 @@ pub struct Setup<'a> {
     pub summed_times: bool,
     /// In co-simulation, the parts of a communication step, as fractions of its size.
     pub fractions: &'static [f64],
-    /// In model exchange, steps of an explicit Euler method in a communication step.
+    /// In model exchange, the parts of a communication step in which the solver starts anew.
     pub parts: usize,
     /// In co-simulation, whether event mode is used, and whether the host allows steps to return early and
     /// receives intermediate updates.
@@ -293,7 +294,7 @@ impl<'a> Subject<'a> {
             parameters: false,
             summed_times: false,
             fractions: &[1.0],
-            parts: 10,
+            parts: 1,
             event_mode: false,
             early_return: false,
         }
@@ -364,6 +365,7 @@ impl<'a> Subject<'a> {
         Ok(self.library.instantiate(&arguments, sink)?)
     }
 
+    /// Number of communication steps of the default experiment.
     pub fn all_steps(&self) -> usize {
         // Rounding may put the last point just past the stop time.
         (self.span / self.step + 1e-6).floor() as usize
@@ -399,6 +401,18 @@ impl<'a> Subject<'a> {
         let mut reals = self.reals(causality);
         reals.retain(|v| is_continuous(v));
         reals
+    }
+
+    /// The names of what can be read in initialization mode, as only that is computed then: outputs, initial unknowns,
+    /// states and their derivatives (FMI 2.0.5, section 3.2.3).
+    pub fn known_initially(&self) -> HashSet<&'a str> {
+        let model = self.model;
+        let unknowns = model.initial_unknowns.iter().chain(&model.derivatives);
+        let listed = unknowns.filter_map(|unknown| model.variable(unknown.index));
+        let derivatives = model.derivatives.iter().filter_map(|u| model.variable(u.index));
+        let states = derivatives.filter_map(|v| model.referred(v.value, "derivative"));
+        let outputs = self.readable().filter(|v| v.causality == Causality::Output);
+        listed.chain(states).chain(outputs).map(|v| v.name.as_str()).collect()
     }
 
     pub fn group(&self, variables: impl Iterator<Item = &'a Listed<'a>>) -> Observed<'a> {
@@ -460,7 +474,12 @@ pub struct Run<'a> {
     pub setup: Setup<'a>,
     pub instance: Instance,
     pub place: Place,
+    pub is_initialized: bool,
+    /// Whether the FMU has ended the run, or the default experiment or the equations do not go on.
     pub ended: bool,
+    /// Why the equations could not be integrated.
+    pub stuck: Option<String>,
+    pub solver: Solver,
     /// The rules with findings that steps have reported.
     reported: HashSet<&'static str>,
 }
@@ -469,12 +488,15 @@ pub struct Run<'a> {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Place {
     /// Number of communication points passed.
-    point: usize,
+    pub point: usize,
     /// In model exchange, the time of the last step of the integration; with event mode, of the last
     /// step.
-    now: f64,
-    /// In model exchange, the time of the next time event.
-    next_event: Option<f64>,
+    pub now: f64,
+    /// In model exchange, the time of the next time event, and the time until which events are handled.
+    pub next_event: Option<f64>,
+    pub handled: f64,
+    /// Whether the last event has left an event indicator close to zero, and nothing was integrated since.
+    pub restarts: bool,
 }
 
 impl<'a> Run<'a> {
@@ -484,7 +506,10 @@ impl<'a> Run<'a> {
             setup,
             instance: subject.instantiate(&setup)?,
             place: Place::default(),
+            is_initialized: false,
             ended: false,
+            stuck: None,
+            solver: Solver::default(),
             reported: HashSet::new(),
         })
     }
@@ -501,19 +526,18 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    /// A run after its first step.
+    /// A run after its first step; the test ends if the FMU ends the run in it.
     pub fn stepped(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
         let mut run = Self::begin(subject, setup)?;
         run.advance()?;
+        ensure!(!run.ended, SKIP);
         Ok(run)
     }
 
     /// A run that was terminated after its first step.
     pub fn terminated(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
         let mut run = Self::stepped(subject, setup)?;
-        if !run.ended {
-            run.instance.terminate()?;
-        }
+        run.instance.terminate()?;
         Ok(run)
     }
 
@@ -547,8 +571,9 @@ impl<'a> Run<'a> {
 
     /// Puts an instance that is new or was reset into initialization mode.
     pub fn enter_initialization(&mut self) -> Result<()> {
-        self.place = Place { now: self.subject.start, ..Place::default() };
-        self.ended = false;
+        let start = self.subject.start;
+        self.place = Place { now: start, handled: start, ..Place::default() };
+        (self.is_initialized, self.ended, self.stuck) = (false, false, None);
         if self.setup.parameters {
             let parameters = self.subject.settable().filter(|v| v.is_parameter());
             self.change(parameters.filter(|v| v.of_type.is_float()))?;
@@ -560,18 +585,24 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    pub fn exit_initialization(&mut self) -> Result<()> {
+        self.instance.exit_initialization_mode()?;
+        self.is_initialized = true;
+        Ok(())
+    }
+
     /// Initializes an instance that is new or was reset.
     pub fn initialize(&mut self) -> Result<()> {
         self.enter_initialization()?;
         self.set_inputs(|_| true)?;
-        self.instance.exit_initialization_mode()?;
+        self.exit_initialization()?;
         let is_exchange = self.subject.kind == Kind::ModelExchange;
         if is_exchange || self.setup.event_mode {
             self.iterate()?;
         }
-        let n = self.states();
-        if n > 0 && !self.ended {
-            let nominals = (self.instance).read(n, Instance::get_nominals_of_continuous_states)?;
+        if !self.ended {
+            self.read_nominals()?;
+            let nominals = &self.solver.nominals;
             ensure!(
                 nominals.iter().all(|n| n.is_finite() && *n > 0.0),
                 "fmi2GetNominalsOfContinuousStates gave {nominals:?}, expected finite numbers above 0"
@@ -595,6 +626,15 @@ impl<'a> Run<'a> {
         self.read(variable)?.pop().context("it has no elements")
     }
 
+    /// The value of a scalar that the host sets. It cannot be read in initialization mode, in which it has its start
+    /// value until a test changes it.
+    pub fn setting(&mut self, variable: &Listed<'_>) -> Result<Value> {
+        match self.is_initialized {
+            true => self.value(variable),
+            false => variable.start_of(0).cloned().context(SKIP),
+        }
+    }
+
     pub fn set(&mut self, variable: &Listed<'_>, values: &[Value]) -> fmu_host::Result {
         self.instance.set_values(variable.of_type, &[variable.reference], values)
     }
@@ -610,12 +650,15 @@ impl<'a> Run<'a> {
     }
 
     pub fn reals(&mut self, references: &[u32]) -> fmu_host::Result<Vec<f64>> {
+        if references.is_empty() {
+            return Ok(Vec::new());
+        }
         let get = |i: &mut Instance, values: &mut [f64]| i.get_float64(references, values);
         self.instance.read(references.len(), get)
     }
 
     /// Number of continuous states that the host sees.
-    fn states(&self) -> usize {
+    pub fn states(&self) -> usize {
         match self.subject.kind {
             Kind::ModelExchange => self.subject.states,
             Kind::CoSimulation => 0,
@@ -623,13 +666,17 @@ impl<'a> Run<'a> {
     }
 
     pub fn continuous_states(&mut self) -> fmu_host::Result<Vec<f64>> {
-        let n = self.states();
-        self.instance.read(n, Instance::get_continuous_states)
+        match self.states() {
+            0 => Ok(Vec::new()),
+            n => self.instance.read(n, Instance::get_continuous_states),
+        }
     }
 
     pub fn derivatives(&mut self) -> fmu_host::Result<Vec<f64>> {
-        let n = self.states();
-        self.instance.read(n, Instance::get_continuous_state_derivatives)
+        match self.states() {
+            0 => Ok(Vec::new()),
+            n => self.instance.read(n, Instance::get_continuous_state_derivatives),
+        }
     }
 
     /// Takes a step without what belongs to it; time and size are in steps since the start.
@@ -638,7 +685,7 @@ impl<'a> Run<'a> {
         self.instance.do_step(start + time * step, size * step)
     }
 
-    fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
+    pub fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
         let Setup { excitation, seed, .. } = self.setup;
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
             if let Some(value) = input.value(excitation, seed, self.place.point) {
@@ -649,15 +696,14 @@ impl<'a> Run<'a> {
     }
 
     /// Iterates in event mode until no new discrete states are needed.
-    fn iterate(&mut self) -> Result<()> {
-        let (has_states, time) = (self.states() > 0, self.place.now);
-        let states =
-            |run: &mut Self| if has_states { run.continuous_states() } else { Ok(Vec::new()) };
-        let before = states(self)?;
-        let mut may_change = false;
+    pub fn iterate(&mut self) -> Result<()> {
+        let time = self.place.now;
+        let before = self.continuous_states()?;
+        let (mut may_change, mut nominals_changed) = (false, false);
         for _ in 0..MAX_ROUNDS {
             let update = self.instance.update_discrete_states()?;
             may_change |= update.states_changed;
+            nominals_changed |= update.nominals_changed;
             self.check_written("fmi2NewDiscreteStates", update.is_written);
             if update.terminate {
                 self.ended = true;
@@ -673,13 +719,16 @@ impl<'a> Run<'a> {
                 );
             }
             if !may_change {
-                let after = states(self)?;
+                let after = self.continuous_states()?;
                 ensure!(
                     after == before,
                     "an event has changed the states from {before:?} to {after:?}, but valuesOfContinuousStatesChanged is false"
                 );
             }
-            self.place.next_event = update.next_event;
+            (self.place.next_event, self.place.handled) = (update.next_event, time);
+            if nominals_changed {
+                self.read_nominals()?;
+            }
             match self.setup.event_mode {
                 true => self.instance.enter_step_mode()?,
                 false => self.instance.enter_continuous_time_mode()?,
@@ -698,13 +747,15 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn check_written(&mut self, function: &str, is_written: bool) {
+    pub fn check_written(&mut self, function: &str, is_written: bool) {
         self.expect(rule!("event-iteration"), is_written, || {
             format!("{function} did not write all of its results, expected it to write all")
         });
     }
 
+    /// Takes a communication step, unless the run has ended; it ends with the default experiment.
     pub fn advance(&mut self) -> Result<()> {
+        self.ended |= self.place.point >= self.subject.all_steps();
         if self.ended {
             return Ok(());
         }
@@ -725,6 +776,16 @@ impl<'a> Run<'a> {
         }
         self.place.point += 1;
         Ok(())
+    }
+
+    /// Does in event mode what hosts with event mode may do there only, and elsewhere what it is between steps.
+    pub fn at_event(&mut self, act: impl FnOnce(&mut Self) -> Result<()>) -> Result<()> {
+        if !self.setup.event_mode || !self.is_initialized {
+            return act(self);
+        }
+        self.instance.enter_event_mode()?;
+        act(self)?;
+        self.iterate()
     }
 
     pub fn advance_by(&mut self, steps: usize) -> Result<()> {
@@ -801,80 +862,6 @@ impl<'a> Run<'a> {
             self.iterate()?;
         }
         Ok(is_early)
-    }
-
-    /// Integrates by explicit Euler steps.
-    fn integrate(&mut self, begin: f64, step: f64) -> Result<()> {
-        if self.place.point % EVENT_EVERY == EVENT_EVERY - 1 {
-            self.instance.enter_event_mode()?;
-            self.set_inputs(|_| true)?;
-            self.iterate()?;
-        } else {
-            self.set_inputs(|input| input.is_continuous())?;
-        }
-        self.place.now = begin;
-        let parts = self.setup.parts;
-        let part = step / parts as f64;
-        for k in 1..=parts {
-            let end = begin + k as f64 * part;
-            self.handle_time_events(end, part)?;
-            if self.ended {
-                break;
-            }
-            // An event at the end may be a little later, by rounding.
-            if end - self.place.now > 1e-9 * part {
-                self.euler(end)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Integrates to each time event up to the end of a part of a step, and handles it.
-    fn handle_time_events(&mut self, end: f64, part: f64) -> Result<()> {
-        for _ in 0..MAX_ROUNDS {
-            let event = self.place.next_event;
-            let Some(event) = event.filter(|event| *event <= end + 1e-9 * part) else {
-                return Ok(());
-            };
-            if self.ended {
-                return Ok(());
-            }
-            self.euler(event)?;
-            if !self.ended {
-                self.instance.enter_event_mode()?;
-                self.iterate()?;
-            }
-        }
-        bail!("there are more than {MAX_ROUNDS} time events up to t = {end} s")
-    }
-
-    /// Takes an Euler step from the last one to this time.
-    fn euler(&mut self, end: f64) -> Result<()> {
-        let step = end - self.place.now;
-        self.place.now = end;
-        if self.states() > 0 {
-            let mut states = self.continuous_states()?;
-            for (state, derivative) in states.iter_mut().zip(self.derivatives()?) {
-                *state += step * derivative;
-            }
-            self.instance.set_time(end)?;
-            // Stiff models need another method than ours.
-            if states.iter().any(|x| x.is_nan() || x.abs() > 1e100) {
-                self.ended = true;
-                return Ok(());
-            }
-            self.instance.set_continuous_states(&states)?;
-        } else {
-            self.instance.set_time(end)?;
-        }
-        self.event_indicators()?;
-        let completed = self.instance.completed_integrator_step()?;
-        self.check_written("fmi2CompletedIntegratorStep", completed.is_written);
-        if completed.enter_event_mode {
-            self.instance.enter_event_mode()?;
-            self.iterate()?;
-        }
-        Ok(())
     }
 
     pub fn event_indicators(&mut self) -> Result<Vec<f64>> {

@@ -227,15 +227,16 @@ pub fn lives(subject: &Subject<'_>) -> Result<()> {
 fn cycle(subject: &Subject<'_>, steps: usize) -> Result<()> {
     let mut run = Run::begin(subject, subject.setup())?;
     run.advance_by(steps)?;
+    if run.ended {
+        return Ok(());
+    }
     run.observe()?;
     if subject.claims("canGetAndSetFMUstate") {
         let state = run.instance.get_fmu_state()?;
         run.instance.set_fmu_state(&state)?;
         run.instance.free_fmu_state(state)?;
     }
-    if !run.ended {
-        run.instance.terminate()?;
-    }
+    run.instance.terminate()?;
     Ok(())
 }
 

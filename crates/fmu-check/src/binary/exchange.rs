@@ -1,0 +1,206 @@
+//! Model exchange: integrates the equations over a communication step by the solver of the master, with error control,
+//! and handles the events of the FMU.
+
+use std::fmt::Arguments;
+
+use anyhow::{Error, Result};
+use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
+use fmu_host::{Cause, Failure, Instance, Status};
+
+use super::run::{EVENT_EVERY, Place, Run};
+
+/// The largest relative tolerance of the solver.
+const TOLERANCE: f64 = 1e-4;
+
+/// What the solver needs, besides what belongs to the state of the run.
+#[derive(Default)]
+pub struct Solver {
+    workspace: Option<Workspace>,
+    derivatives: Vec<f64>,
+    indicators: Vec<f64>,
+    pub nominals: Vec<f64>,
+}
+
+/// Why an integration has stopped.
+enum Trouble {
+    /// A call has failed.
+    Call(Error),
+    /// The equations cannot be integrated, though shorter steps may succeed if they are discarded.
+    Equations { reason: String, is_discarded: bool },
+    /// The FMU has ended the run.
+    Ended,
+}
+
+impl From<Error> for Trouble {
+    fn from(error: Error) -> Self {
+        Self::Call(error)
+    }
+}
+
+impl From<Failure> for Trouble {
+    fn from(failure: Failure) -> Self {
+        Self::Call(failure.into())
+    }
+}
+
+impl solver::Failure for Trouble {
+    fn discard(reason: Arguments<'_>) -> Self {
+        Self::Equations { reason: reason.to_string(), is_discarded: true }
+    }
+
+    fn is_discarded(&self) -> bool {
+        match self {
+            Self::Call(error) => error
+                .downcast_ref::<Failure>()
+                .is_some_and(|failure| failure.cause == Cause::Returned(Status::Discard)),
+            Self::Equations { is_discarded, .. } => *is_discarded,
+            Self::Ended => false,
+        }
+    }
+
+    fn with_prefix(self, prefix: Arguments<'_>) -> Self {
+        match self {
+            Self::Equations { reason, is_discarded } => {
+                Self::Equations { reason: format!("{prefix}: {reason}"), is_discarded }
+            }
+            // The run tells where it is.
+            other => other,
+        }
+    }
+}
+
+impl Run<'_> {
+    /// Integrates over a communication step. Equations that cannot be integrated end the run.
+    pub fn integrate(&mut self, begin: f64, step: f64) -> Result<()> {
+        self.place.now = begin;
+        if self.place.point % EVENT_EVERY == EVENT_EVERY - 1 {
+            self.instance.enter_event_mode()?;
+            self.set_inputs(|_| true)?;
+            self.iterate()?;
+        } else {
+            let before = signs(&self.event_indicators()?);
+            self.set_inputs(|input| input.is_continuous())?;
+            if signs(&self.event_indicators()?) != before {
+                self.instance.enter_event_mode()?;
+                self.iterate()?;
+            }
+        }
+        let parts = self.setup.parts;
+        for part in 0..parts {
+            let size = step / parts as f64;
+            if !self.ended {
+                self.integrate_part(begin + part as f64 * size, size)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn integrate_part(&mut self, time: f64, size: f64) -> Result<()> {
+        let (states, indicators) = (self.states(), self.subject.indicators);
+        let workspace = self.solver.workspace.take();
+        let mut workspace = workspace.unwrap_or_else(|| Workspace::new(states, indicators));
+        let tolerance = self.subject.model.experiment("tolerance").filter(|t| *t > 0.0);
+        let tolerance = tolerance.unwrap_or(TOLERANCE).min(TOLERANCE);
+        // The events that inputs cause were handled when the inputs were set.
+        self.solver.indicators = self.event_indicators()?;
+        let Place { handled, restarts, .. } = self.place;
+        let (longest, event, events) = (size, None, Events::Here);
+        let step = Step { time, size, tolerance, longest, events, handled, event, restarts };
+        let advanced = solver::advance(&mut Equations(self), &mut workspace, &step);
+        self.solver.workspace = Some(workspace);
+        match advanced {
+            Ok(Advanced { handled, restarts, .. }) => {
+                self.place = Place { now: time + size, handled, restarts, ..self.place };
+            }
+            Err(Trouble::Ended) => self.ended = true,
+            Err(Trouble::Call(error)) => return Err(error),
+            Err(Trouble::Equations { reason, .. }) => {
+                (self.ended, self.stuck) = (true, Some(reason));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn signs(indicators: &[f64]) -> Vec<bool> {
+    indicators.iter().map(|indicator| *indicator > 0.0).collect()
+}
+
+/// The equations of the FMU, as the solver sees them.
+struct Equations<'a, 'b>(&'a mut Run<'b>);
+
+impl System for Equations<'_, '_> {
+    type Error = Trouble;
+
+    fn nominal(&self, state: usize) -> f64 {
+        self.0.solver.nominals.get(state).map_or(1.0, |nominal| nominal.abs())
+    }
+
+    fn states(&mut self, states: &mut [f64]) -> Result<(), Trouble> {
+        states.copy_from_slice(&self.0.continuous_states()?);
+        Ok(())
+    }
+
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, Trouble> {
+        let run = &mut *self.0;
+        // The time of an event differs by rounding from that of the step in which it is.
+        run.instance.set_time(time.max(run.place.handled))?;
+        if !states.is_empty() {
+            run.instance.set_continuous_states(states)?;
+        }
+        run.solver.derivatives = run.derivatives()?;
+        run.solver.indicators = run.event_indicators()?;
+        let values = run.solver.derivatives.iter().chain(&run.solver.indicators);
+        Ok(values.copied().all(f64::is_finite))
+    }
+
+    fn derivatives(&mut self, derivatives: &mut [f64]) {
+        derivatives.copy_from_slice(&self.0.solver.derivatives);
+    }
+
+    fn event_indicator(&mut self, indicator: usize) -> f64 {
+        self.0.solver.indicators[indicator]
+    }
+
+    fn not_finite(&mut self) -> Trouble {
+        let reason = "a derivative or an event indicator became NaN or infinite".to_owned();
+        Trouble::Equations { reason, is_discarded: false }
+    }
+
+    fn completed(&mut self, time: f64) -> Result<bool, Trouble> {
+        let completed = self.0.instance.completed_integrator_step()?;
+        self.0.check_written("fmi2CompletedIntegratorStep", completed.is_written);
+        self.0.place.now = time;
+        match completed.terminate {
+            true => Err(Trouble::Ended),
+            false => Ok(completed.enter_event_mode),
+        }
+    }
+
+    fn event(&mut self, time: f64) -> Result<(), Trouble> {
+        let run = &mut *self.0;
+        if time > run.place.handled {
+            run.instance.set_time(time)?;
+        }
+        run.place.now = time;
+        run.instance.enter_event_mode()?;
+        run.iterate()?;
+        if run.ended { Err(Trouble::Ended) } else { Ok(()) }
+    }
+
+    fn next_event(&self, time: f64) -> Option<f64> {
+        self.0.place.next_event.filter(|next| *next > time)
+    }
+}
+
+impl Run<'_> {
+    /// Reads the nominal values of the states.
+    pub fn read_nominals(&mut self) -> Result<()> {
+        let n = self.states();
+        if n > 0 {
+            let read = Instance::get_nominals_of_continuous_states;
+            self.solver.nominals = self.instance.read(n, read)?;
+        }
+        Ok(())
+    }
+}
