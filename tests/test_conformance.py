@@ -140,3 +140,104 @@ def test_a_sweep_goes_on_if_an_fmu_refuses_to_log_less(
     run = cargo_fmu("sweep", sweep, "--out", results)
     assert run.returncode == 0, run.stderr
     assert [row["failure"] for row in table(results)] == ["", ""]
+
+
+# --- what FMUs may do -----------------------------------------------------------------------------
+
+EMPTY = "with 0 value references"
+"""What the validator warns of in an FMU that refuses the empty calls of some hosts."""
+
+LAWFUL = {
+    "LENIENT": [],
+    "NONE": [EMPTY],
+    "STIFF": [EMPTY],
+    "KINK": [EMPTY],
+    "JUMP": [EMPTY],
+    "DIFFERENCES": [EMPTY],
+    "ENDS=0": [EMPTY],
+    "ENDS=0.005": [EMPTY],
+    "ENDS=0.05": [EMPTY],
+    "NOISE=1e-12": [EMPTY],
+    "RESTARTS": [EMPTY],
+    "ASSERTS": [EMPTY, "not tested: larger changes of inputs, which it refuses"],
+}
+"""Variants of tests/c/lawful.c, and parts of the warnings."""
+
+
+@pytest.mark.parametrize("variant", LAWFUL)
+def test_what_the_standard_allows_is_no_error(variant: str, tmp_path: Path) -> None:
+    found = findings(in_c(tmp_path / "Lawful.fmu", variant))
+    assert len(found) == len(LAWFUL[variant]), found
+    for words in LAWFUL[variant]:
+        check(found, "warning", words)
+
+
+def test_a_slow_fmu_does_not_hang(tmp_path: Path) -> None:
+    """Its steps take 0.15 s, but 1.5 s after a state was restored."""
+    fmu = in_c(tmp_path / "Lawful.fmu", "LENIENT", "SLOW=0.15")
+    (found,) = findings(fmu, "--quick", "--time-limit", "1")
+    check([found], "warning", "after the state was restored, did not return within 1 s")
+    assert "it is slow" in found
+
+
+CLOCK = (
+    '<Clock name="clock" valueReference="8" causality="input" intervalVariability="constant"'
+    ' intervalDecimal="0.1"/><Binary name="data" valueReference="9" causality="input">'
+    '<Start value="00"/></Binary>'
+)
+
+
+@pytest.mark.parametrize(
+    ("refused", "expected"),
+    [([], []), (["TICK=0.1"], ["not tested, since its clocks do not tick: the step from t = 0.1"])],
+)
+def test_clocks_need_event_mode_and_are_not_tested(
+    refused: list[str], expected: list[str], tmp_path: Path
+) -> None:
+    """The FMU with a clock refuses other hosts, and perhaps to step over a tick."""
+    xml = (SOURCES / "vector.xml").read_text()
+    xml = xml.replace("</ModelVariables>", f"{CLOCK}</ModelVariables>")
+    found = findings(in_c(tmp_path / "Vector.fmu", "CLOCKED", *refused, xml=xml))
+    assert all(line.startswith("warning: ") for line in found), found
+    (line,) = [line for line in found if "not tested: " in line]
+    assert "not tested: clocks, Binaries, derivatives of arrays" in line
+    for words in expected:
+        check(found, words)
+
+
+def test_a_library_that_the_machine_lacks_is_no_error_of_the_fmu(
+    conformance: Callable[..., Path],
+) -> None:
+    fmu = conformance()
+    files = read(fmu)
+    (binary,) = [name for name in files if name.startswith("binaries/")]
+    assert files[binary].count(b"\0libm.so.6\0") == 1
+    files[binary] = files[binary].replace(b"\0libm.so.6\0", b"\0libX.so.6\0")
+    (found,) = findings(write(fmu, files))
+    check([found], "warning", "this machine lacks libX.so.6")
+    # If the FMU has the library, the binary should find it.
+    (found,) = findings(write(fmu, files | {"binaries/linux64/libX.so.6": b"\x7fELF"}))
+    check([found], "error", "libX.so.6: cannot open shared object file")
+
+
+@pytest.mark.parametrize(
+    ("defect", "words"),
+    [
+        ("SECOND_INSTANCE_ABORTS", "fmi2Instantiate, with a second instance, was ended"),
+        ("SHARED_STATIC", "with a second instance"),
+        ("DEPENDS_ON_PREVIOUS_INSTANCE", "with a second instance"),
+        ("RESET_CRASHES", "fmi2Reset was ended"),
+        ("RESET_KEEPS_STATE", "after fmi2Reset"),
+        ("STATE_LOSES_CONTINUOUS", "after the state was restored"),
+    ],
+)
+def test_one_cause_is_one_finding(
+    conformance: Callable[..., Path], defect: str, words: str
+) -> None:
+    (found,) = findings(conformance(defect))
+    assert words in found
+
+
+def test_an_fmu_says_once_what_it_claims(conformance: Callable[..., Path]) -> None:
+    found = findings(conformance("INPUT_DERIVATIVE_IGNORED", CS))
+    check(found, "so: canInterpolateInputs is true, but: derivatives of inputs have no effect (")

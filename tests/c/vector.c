@@ -57,6 +57,9 @@ void *fmi3InstantiateCoSimulation(const char *name, const char *token, const cha
                                   void (*update)(void *, double, bool, bool, bool, bool, bool *, double *)) {
     (void)resources, (void)visible, (void)logging, (void)early, (void)intermediate, (void)n, (void)log;
     if (!name || !token || strcmp(token, "{vector}")) return NULL;
+#ifdef CLOCKED
+    if (!events) return NULL;
+#endif
     Vector *v = calloc(1, sizeof *v);
     v->event_mode = events, v->update = update, v->environment = environment;
     restart(v);
@@ -94,6 +97,9 @@ int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, boo
                double *last) {
     (void)final;
     if (v->is_late) return ERROR;
+#ifdef TICK
+    if (time + step > TICK) return ERROR;
+#endif
     if (!(step >= 0 && step < 1e3) || time < v->time - 1e-6 || time > v->time + 1e-6) return ERROR;
     for (size_t i = 0; i < v->n; i++) v->w[i] += step * v->c[i];
     *terminate = *early = false;

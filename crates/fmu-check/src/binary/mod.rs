@@ -5,7 +5,7 @@ mod probes;
 mod run;
 mod values;
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::Read;
@@ -16,8 +16,8 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
-use fmu_description::ModelDescription;
 use fmu_description::xml::Element;
+use fmu_description::{Causality, Listed, ModelDescription, Type};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
@@ -27,9 +27,9 @@ use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
 use crate::finding::{Findings, find};
-use crate::rule::{RULES, Rule, rule};
+use crate::rule::{RULES, Rule, Severity, rule};
 pub use probes::run as probe;
-use probes::{MISTAKES, OTHERS, Probe};
+use probes::{INSTANCES, MISTAKES, OTHERS, Probe};
 use run::lock;
 use values::{Difference, EXCITATIONS, MAX_ELEMENTS, Row, Trajectory};
 
@@ -111,7 +111,8 @@ pub fn check(
     let mut run_all = || -> Result<()> {
         let session = unpack(text, archive, platform)?;
         let files = list(&session.path().join(FMU))?;
-        let (mut ignored, mut about) = (HashSet::new(), "");
+        let (mut ignored, mut about, mut seen) = (HashSet::new(), "", HashMap::new());
+        let (mut is_alone, mut untested, mut broken) = (false, untested(model), HashMap::new());
         for ((element, binary), others) in binaries.iter().zip((1..=binaries.len() as u32).rev()) {
             let now = Instant::now();
             let mut checker = Checker {
@@ -123,10 +124,14 @@ pub fn check(
                     session: session.path().to_owned(),
                     binary: binary.clone(),
                     seconds: probes.time_limit.as_secs(),
+                    is_alone: is_alone || run::claims(element, run::ONLY_ONCE, model.version),
                     ignored,
                     ..Task::default()
                 },
-                seen: HashSet::new(),
+                seen,
+                broken,
+                longest: 0.0,
+                untested,
                 workers: workers(element),
                 deadline: now + deadline.saturating_duration_since(now) / others,
                 left_out: Vec::new(),
@@ -134,7 +139,14 @@ pub fn check(
                 findings,
             };
             checker.run()?;
-            (ignored, about) = (checker.task.ignored, "model exchange: ");
+            let task = checker.task;
+            (ignored, about, seen) = (task.ignored, "model exchange: ", checker.seen);
+            (is_alone, untested, broken) = (task.is_alone, checker.untested, checker.broken);
+        }
+        untested.dedup();
+        if !untested.is_empty() {
+            let text = format!("not tested: {}", untested.join(", "));
+            findings.add(rule!("not-tested"), binaries[0].1.as_str(), text);
         }
         report_files(session.path(), &files, findings)
     };
@@ -187,6 +199,8 @@ struct Task {
     logging: bool,
     /// Whether wrong calls crash it.
     is_fragile: bool,
+    /// Whether a process may have one instance only.
+    is_alone: bool,
     /// Names of variables that are not observed.
     ignored: HashSet<String>,
     /// The rows of the usual run, if the process cannot have an instance for it besides that of the test.
@@ -209,9 +223,8 @@ enum Reply {
     Found(String, String),
     /// The name of a variable that cannot be read.
     Unreadable(String),
-    /// The number of steps of the default experiment, and their duration in s; not if the FMU refuses the
-    /// excitation of its inputs.
-    Ran(usize, f64),
+    /// How fast the default experiment was run; not if the FMU refuses the excitation of its inputs.
+    Ran(Pace),
     /// The values at a time (s) of a run.
     Row(f64, Row),
     /// The test has ended, but for the end of the library.
@@ -220,12 +233,31 @@ enum Reply {
     Done,
 }
 
+/// How fast a run was.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+struct Pace {
+    /// The number of steps, and their duration in s.
+    steps: usize,
+    seconds: f64,
+    /// The duration of the longest step or of the initialization in s.
+    longest: f64,
+}
+
+/// What a test has found.
+struct Found {
+    rule: &'static Rule,
+    text: String,
+    /// What is the same if other tests find what has the same cause.
+    cause: String,
+    is_crash: bool,
+}
+
 /// What a process has replied, and how it ended.
 #[derive(Default)]
 struct Outcome {
-    found: Vec<(&'static Rule, String)>,
+    found: Vec<Found>,
     unreadable: Vec<String>,
-    ran: Option<(usize, f64)>,
+    ran: Option<Pace>,
     rows: Trajectory,
     has_message: bool,
     /// Whether the process was killed after its time.
@@ -240,9 +272,10 @@ struct Outcome {
 type Job<'a> = (&'static Probe, &'a [(&'a str, &'a str)]);
 
 impl Outcome {
-    /// Whether the test itself has failed, besides what else it has found.
+    /// Whether the test itself has failed, or could not be made, besides what else it has found.
     fn fails(&self, probe: &Probe) -> bool {
-        self.is_cut || self.found.iter().any(|(rule, _)| *rule == probe.rule)
+        let is_failure = |rule: &Rule| *rule == *probe.rule || *rule == *rule!("binary-not-run");
+        self.is_cut || self.found.iter().any(|found| is_failure(found.rule))
     }
 
     /// The rows of a run, unless it has failed, which is a finding of its own.
@@ -253,11 +286,13 @@ impl Outcome {
     fn add(&mut self, reply: Reply) {
         match reply {
             Reply::Found(id, text) => {
+                let cause = text.split_once(", but: ").map_or(text.as_str(), |(_, cause)| cause);
+                let (cause, is_crash) = (cause.to_owned(), false);
                 let rule = RULES.iter().find(|rule| rule.id == id);
-                self.found.extend(rule.map(|rule| (rule, text)));
+                self.found.extend(rule.map(|rule| Found { rule, text, cause, is_crash }));
             }
             Reply::Unreadable(name) => self.unreadable.push(name),
-            Reply::Ran(steps, seconds) => self.ran = Some((steps, seconds)),
+            Reply::Ran(pace) => self.ran = Some(pace),
             Reply::Row(time, row) => self.rows.push((time, row)),
             Reply::Tested => self.is_cut = false,
             Reply::Done => {}
@@ -271,8 +306,15 @@ struct Checker<'a> {
     element: &'a Element<'a>,
     /// The task, but for the test.
     task: Task,
-    /// What was found, whatever the FMU declares. Tests make the same calls, so that they find the same.
-    seen: HashSet<String>,
+    /// What was found, whatever the FMU declares, and how severe it is. Tests make the same calls, so that they find
+    /// the same.
+    seen: HashMap<String, Severity>,
+    /// The rules that tests have found broken, and the first of these tests with what stands before its findings.
+    broken: HashMap<&'static str, [&'static str; 2]>,
+    /// The duration of the longest step or of the initialization in s.
+    longest: f64,
+    /// What was not tested, as it cannot be, or the FMU does not allow it.
+    untested: Vec<String>,
     /// How many tests run at the same time.
     workers: usize,
     /// When the time for all tests is over, and the tests that were left out for that.
@@ -305,7 +347,6 @@ impl Checker<'_> {
     }
 
     fn run_tests(&mut self) -> Result<()> {
-        let is_quick = self.probes.is_quick;
         for (_, variable) in self.model.variables() {
             let (name, n) = (quote(&variable.name), variable.count());
             if n > MAX_ELEMENTS {
@@ -327,17 +368,39 @@ impl Checker<'_> {
             return Ok(());
         }
         self.compare_processes()?;
+        // One cause is one finding: if instances share state, the other tests make one in each process.
+        let jobs = self.jobs(INSTANCES);
+        let outcomes = self.tests(&jobs)?;
+        let mut pairs = jobs.iter().zip(&outcomes);
+        if pairs.any(|((probe, _), outcome)| outcome.fails(probe)) {
+            self.task.is_alone = true;
+        }
+        if self.task.is_alone {
+            let trace = Probe::named("trace")?;
+            self.task.usual = self.test(trace)?.trace(trace);
+        }
+        if let Some(checker) = heap_checker().filter(|_| !self.probes.is_quick) {
+            let checker = checker.to_string_lossy();
+            let checked = [("LD_PRELOAD", &*checker), ("GLIBC_TUNABLES", "glibc.malloc.check=3")];
+            self.tests(&[(Probe::named("heap")?, &checked)])?;
+        }
         // Other tests make no mistakes if these crash.
         for group in [MISTAKES, OTHERS] {
-            let group = group.iter().filter(|probe| {
-                (probe.is_quick() || !is_quick) && probe.applies(self.element, self.model.version)
-            });
-            let jobs: Vec<Job<'_>> = group.map(|probe| (probe, [].as_slice())).collect();
+            let jobs = self.jobs(group);
             let outcomes = self.tests(&jobs)?;
             let mut found = outcomes.iter().flat_map(|outcome| &outcome.found);
-            self.task.is_fragile |= found.any(|(rule, _)| **rule == *rule!("survives-misuse"));
+            self.task.is_fragile |= found.any(|found| *found.rule == *rule!("survives-misuse"));
         }
         Ok(())
+    }
+
+    /// The tests of a group that apply to the FMU.
+    fn jobs(&self, group: &'static [Probe]) -> Vec<Job<'static>> {
+        let group = group.iter().filter(|probe| {
+            (probe.is_quick() || !self.probes.is_quick)
+                && probe.applies(self.element, self.model.version, self.task.is_alone)
+        });
+        group.map(|probe| (probe, [].as_slice())).collect()
     }
 
     /// Runs the default experiment with the strongest excitation that the FMU accepts; returns whether
@@ -347,8 +410,16 @@ impl Checker<'_> {
         for excitation in strongest..EXCITATIONS.len() {
             self.task.excitation = excitation;
             let outcome = self.test(Probe::named("experiment")?)?;
-            if let Some((steps, seconds)) = outcome.ran {
-                self.task.steps = self.short(steps, seconds);
+            if let Some(pace) = outcome.ran {
+                self.task.steps = self.short(pace);
+                self.longest = pace.longest;
+                let has_inputs = !values::inputs(self.model).is_empty();
+                if excitation > strongest && has_inputs {
+                    self.untested.push(match EXCITATIONS[excitation] {
+                        0.0 => "changes of inputs, which it refuses".into(),
+                        _ => "larger changes of inputs, which it refuses".into(),
+                    });
+                }
                 return Ok(true);
             }
             // A crash has been reported; the other tests then use a weaker excitation.
@@ -356,9 +427,8 @@ impl Checker<'_> {
         Ok(false)
     }
 
-    /// The number of steps of a short run, given that some steps took this many seconds. Two short runs
-    /// fit into the default experiment.
-    fn short(&self, steps: usize, seconds: f64) -> usize {
+    /// The number of steps of a short run. Two short runs fit into the default experiment.
+    fn short(&self, Pace { steps, seconds, .. }: Pace) -> usize {
         if self.probes.is_quick {
             return FEW_STEPS.min(steps / 2).max(1);
         }
@@ -378,17 +448,9 @@ impl Checker<'_> {
             &[("MALLOC_PERTURB_", "191"), ("GLIBC_TUNABLES", "glibc.malloc.perturb=191")];
         let named = Probe::named;
         let mut jobs: Vec<Job<'_>> = vec![(named("trace")?, &[]), (named("trace")?, &[])];
-        let checker = heap_checker();
-        let checked = [
-            ("LD_PRELOAD", checker.as_deref().and_then(Path::to_str).unwrap_or_default()),
-            ("GLIBC_TUNABLES", "glibc.malloc.check=3"),
-        ];
         if !self.probes.is_quick {
             jobs.push((named("trace")?, PATTERN));
             jobs.push((named("trace-logging")?, &[]));
-            if checker.is_some() {
-                jobs.push((named("heap")?, &checked));
-            }
         }
         let outcomes = self.tests(&jobs)?;
         let mut traces =
@@ -427,10 +489,6 @@ impl Checker<'_> {
         }
         // Such as the time that the FMU has used, or addresses: they differ in all other tests, too.
         self.task.ignored.extend(volatile);
-        if run::claims(self.element, run::ONLY_ONCE, self.model.version) {
-            let trace = named("trace")?;
-            self.task.usual = self.test(trace)?.trace(trace);
-        }
         Ok(())
     }
 
@@ -460,8 +518,10 @@ impl Checker<'_> {
             if outcome.left_out && !self.left_out.contains(&probe.name) {
                 self.left_out.push(probe.name);
             }
-            for (rule, text) in &outcome.found {
-                self.add(rule, text.clone());
+            for found in &outcome.found {
+                if found.is_crash || probe.is_misuse() || !self.is_seen_by_another(probe, found) {
+                    self.add_once(found);
+                }
             }
         }
         Ok(outcomes)
@@ -483,7 +543,7 @@ impl Checker<'_> {
             task.logging = true;
             let second = self.process(probe, &task, variables, worker)?;
             let rules =
-                |of: &Outcome| -> Vec<_> { of.found.iter().map(|(rule, _)| rule.id).collect() };
+                |of: &Outcome| -> Vec<_> { of.found.iter().map(|found| found.rule.id).collect() };
             if second.has_message && rules(&second) == rules(&outcome) {
                 outcome = second;
             }
@@ -492,11 +552,40 @@ impl Checker<'_> {
     }
 
     fn add(&mut self, rule: &'static Rule, text: String) {
-        let cause = text.split_once(", but: ").map_or(text.as_str(), |(_, cause)| cause);
-        if self.seen.insert(cause.to_owned()) {
-            let text = format!("{}{text}", self.about);
-            self.findings.add(rule, self.task.binary.as_str(), text);
+        let text = format!("{}{text}", self.about);
+        self.findings.add(rule, self.task.binary.as_str(), text);
+    }
+
+    /// Adds what a test has found, unless it has the cause of something that is as severe.
+    fn add_once(&mut self, Found { rule, text, cause, .. }: &Found) {
+        let seen = self.seen.get(cause).copied();
+        if seen.is_none_or(|severity| severity < rule.severity) {
+            self.seen.insert(cause.clone(), rule.severity);
+            self.add(rule, text.clone());
         }
+    }
+
+    /// Whether what a test is about was found broken by another test, of the same rule or of one on which it depends.
+    /// One cause is one finding.
+    fn is_seen_by_another(&mut self, probe: &Probe, found: &Found) -> bool {
+        /// Rules, and those without which they do not hold.
+        const BASES: [(&str, &str); 5] = [
+            ("serialized-state", "state"),
+            ("adjoint-derivatives", "directional-derivatives"),
+            // What instances share is neither reset nor saved with one of them.
+            ("reset", "separate-instances"),
+            ("state", "separate-instances"),
+            ("serialized-state", "separate-instances"),
+        ];
+        let (rule, test) = (found.rule.id, [self.about, probe.name]);
+        if rule != probe.rule.id {
+            return false;
+        }
+        let is_broken = |rule| self.broken.get(rule).is_some_and(|by| *by != test);
+        let mut bases = BASES.iter().filter(|(of, _)| *of == rule);
+        let is_seen = is_broken(rule) || bases.any(|(_, base)| is_broken(base));
+        self.broken.entry(rule).or_insert(test);
+        is_seen
     }
 
     /// Runs one test in a child process, with these environment variables.
@@ -534,7 +623,8 @@ impl Checker<'_> {
                     (outcome.timed_out, outcome.is_cut) = (true, false);
                     let (name, seconds) = (probe.name, limit.as_secs_f64());
                     let text = format!("the test {name} was ended after {seconds:.0} s");
-                    outcome.found.push((rule!("not-tested"), text));
+                    let (rule, cause) = (rule!("not-tested"), text.clone());
+                    outcome.found.push(Found { rule, text, cause, is_crash: false });
                     return Ok(outcome);
                 }
                 Event::Ended(ended) => {
@@ -550,18 +640,48 @@ impl Checker<'_> {
         };
         let now = worker.record().now();
         outcome.has_message = !now.message.is_empty();
+        // What happens before the stage that a test is about is none of its business.
+        let rule = match now.stage.is_empty() && !probe.is_misuse() {
+            true => rule!("survives"),
+            false => probe.crash(),
+        };
+        let mut crash = |rule, text: String, cause: String| {
+            outcome.found.push(Found { rule, text, cause, is_crash: true });
+        };
         let after = |how: &str| {
             format!("after its last call, the process {how}, expected it to end as usual")
         };
+        if !ended.is_empty() && !outcome.is_cut {
+            crash(rule, after(&ended), after(&ended));
+            return Ok(outcome);
+        }
         if !ended.is_empty() {
-            let text = if outcome.is_cut { unfinished(&now, &ended) } else { after(&ended) };
-            outcome.found.push((probe.crash(), text));
+            let cause =
+                format!("{} {}", called(&now), if outcome.timed_out { "hangs" } else { &ended });
+            let text = unfinished(&now, &ended);
+            /// A call that takes this part of the time limit may take all of it.
+            const SLOW: f64 = 0.1;
+            match outcome.timed_out && self.longest > SLOW * task.seconds as f64 {
+                false => crash(rule, text, cause),
+                true => {
+                    let longest = self.longest;
+                    let text = format!(
+                        "{text}; it is slow, a step or the initialization has taken {longest:.1} s: --time-limit allows more"
+                    );
+                    crash(rule!("not-tested"), text, cause);
+                }
+            }
             return Ok(outcome);
         }
         if let Ended::Exited(status) = worker.end(GRACE)?
             && !status.success()
         {
-            outcome.found.push((probe.crash(), after(&Ended::Exited(status).to_string())));
+            let text = after(&Ended::Exited(status).to_string());
+            crash(rule, text.clone(), text);
+        }
+        if outcome.found.iter().any(|found| found.is_crash) {
+            // The C library may have printed the reason.
+            return Ok(outcome);
         }
         let mut head = Vec::new();
         File::open(printed)?.take(1000).read_to_end(&mut head)?;
@@ -569,7 +689,8 @@ impl Checker<'_> {
         if let Some(line) = head.lines().find(|line| !line.trim().is_empty()) {
             let line = quote(line);
             let text = format!("the FMU printed {line}, expected that it logs by the callback");
-            outcome.found.push((rule!("prints"), text));
+            let (rule, cause) = (rule!("prints"), text.clone());
+            outcome.found.push(Found { rule, text, cause, is_crash: false });
         }
         Ok(outcome)
     }
@@ -600,6 +721,38 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
     Ok(())
 }
 
+/// What no test can test of what an FMU offers.
+fn untested(model: &ModelDescription<'_>) -> Vec<String> {
+    let variables = || model.variables().map(|(_, v)| v);
+    let is_array = |v: &Listed<'_>| !v.dimensions.is_empty();
+    let interfaces = [model.co_simulation(), model.model_exchange()];
+    let claims = |flag| {
+        let mut all = interfaces.into_iter().flatten();
+        all.any(|element| run::claims(element, flag, model.version))
+    };
+    let is_real = |v: &Listed<'_>| v.of_type.is_float() && is_array(v);
+    let derives = claims("providesDirectionalDerivative") || claims("providesAdjointDerivatives");
+    let parts = [
+        ("clocks", variables().any(|v| v.of_type == Type::Clock)),
+        ("Binaries", variables().any(|v| v.of_type == Type::Binary)),
+        ("arrays of Strings", variables().any(|v| v.of_type == Type::String && is_array(v))),
+        (
+            "changes of array inputs",
+            variables().any(|v| v.causality == Causality::Input && is_array(v)),
+        ),
+        ("derivatives of arrays", derives && variables().any(is_real)),
+        (
+            "intermediate updates of variables",
+            variables().any(|v| v.element.is_true("intermediateUpdate")),
+        ),
+        ("fmi3EvaluateDiscreteStates", claims("providesEvaluateDiscreteStates")),
+        ("dependencies of elements", claims("providesPerElementDependencies")),
+        ("asynchronous steps", claims("canRunAsynchronuously")),
+        ("scheduled execution", model.root.child("ScheduledExecution").is_some()),
+    ];
+    parts.iter().filter(|(_, is_there)| *is_there).map(|(part, _)| (*part).to_owned()).collect()
+}
+
 /// The end of a message that quotes the message that the FMU logged last.
 fn logged(message: &str) -> String {
     match message {
@@ -608,14 +761,19 @@ fn logged(message: &str) -> String {
     }
 }
 
-/// Describes the call that did not return, given how the process ended.
-fn unfinished(now: &Moment, ended: &str) -> String {
-    let call = match now.function {
+/// The call that did not return.
+fn called(now: &Moment) -> &'static str {
+    match now.function {
         Some(Function::LOADING) => "loading it",
         function => function.and_then(Function::name).unwrap_or("the test"),
-    };
+    }
+}
+
+/// Describes the call that did not return, given how the process ended.
+fn unfinished(now: &Moment, ended: &str) -> String {
+    let call = called(now);
     let stage = match now.stage.as_str() {
-        "" => String::new(),
+        stage if stage.is_empty() || stage.contains(call) => String::new(),
         stage => format!(", {stage},"),
     };
     let how = ended.replace(" and was killed", "");

@@ -185,6 +185,9 @@ pub struct Subject<'a> {
     usual: OnceLock<Trajectory>,
     /// Whether an instance was made.
     is_used: AtomicBool,
+    /// Whether the FMU has clocks, and whether the host must let some of them tick, which no test does.
+    has_clocks: bool,
+    pub needs_ticks: bool,
     pub logged: Arc<Mutex<Logged>>,
     /// Number of intermediate updates.
     pub updates: Arc<AtomicUsize>,
@@ -254,6 +257,9 @@ impl<'a> Subject<'a> {
         let tolerance = model.experiment("tolerance").filter(|t| *t > 0.0);
         let in_2 = model.root.attribute("numberOfEventIndicators");
         let in_2 = in_2.and_then(whole::<u32>).unwrap_or(0) as usize;
+        let variables = model.variables().map(|(_, v)| v);
+        let clocks: Vec<_> = variables.filter(|v| v.of_type == Type::Clock).collect();
+        let is_triggered = |v: &Listed<'_>| v.inherited("intervalVariability") == Some("triggered");
         Ok(Self {
             start,
             stop,
@@ -273,6 +279,8 @@ impl<'a> Subject<'a> {
             indicators: in_2.max(count(model, &model.event_indicators)),
             usual: task.usual.clone().map_or_else(OnceLock::new, OnceLock::from),
             is_used: AtomicBool::new(false),
+            has_clocks: !clocks.is_empty(),
+            needs_ticks: clocks.iter().any(|v| v.causality == Causality::Input && !is_triggered(v)),
             logged: Arc::default(),
             updates: Arc::default(),
         })
@@ -283,7 +291,15 @@ impl<'a> Subject<'a> {
         claims(self.element, flag, self.model.version)
     }
 
+    /// Whether a process may have one instance only: the FMU says so, or its instances share state, which has been
+    /// reported.
+    pub fn is_alone(&self) -> bool {
+        self.task.is_alone
+    }
+
+    /// The usual setup. FMUs with clocks need event mode (FMI 3.0.2, section 2.3.1).
     pub fn setup(&self) -> Setup<'static> {
+        let is_exchange = self.kind == Kind::ModelExchange;
         Setup {
             name: "instance",
             logging: self.task.logging,
@@ -295,7 +311,7 @@ impl<'a> Subject<'a> {
             summed_times: false,
             fractions: &[1.0],
             parts: 1,
-            event_mode: false,
+            event_mode: self.has_clocks && !is_exchange && self.claims("hasEventMode"),
             early_return: false,
         }
     }
@@ -326,7 +342,7 @@ impl<'a> Subject<'a> {
     /// Creates an instance with this GUID; `None` if the FMU rejects it. The test ends if the process would have
     /// more instances than the FMU allows.
     pub fn try_instantiate(&self, setup: &Setup<'_>, guid: &str) -> Result<Option<Instance>> {
-        ensure!(!self.is_used.swap(true, Relaxed) || !self.claims(ONLY_ONCE), SKIP);
+        ensure!(!self.is_used.swap(true, Relaxed) || !self.is_alone(), SKIP);
         let arguments = Instantiation {
             name: setup.name,
             kind: self.kind,

@@ -214,6 +214,7 @@ pub fn process(subject: &Subject<'_>) -> Result<()> {
 /// Creates and frees instances, between which memory is used again, and one more after a run to the end
 /// of the default experiment, since some buffers overflow late.
 pub fn lives(subject: &Subject<'_>) -> Result<()> {
+    subject.report.stage("with an allocator that checks the heap");
     for _ in 0..5 {
         cycle(subject, subject.task.steps)?;
         drop(black_box(vec![1_u8; 1000]));
@@ -615,9 +616,10 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
     let inputs = subject.inputs.iter().map(|input| input.variable);
     let inputs = inputs.filter(|v| v.of_type == Type::Float64).take(10);
     for (input, value) in inputs.flat_map(|input| values.iter().map(move |value| (input, *value))) {
+        subject.report.stage("");
+        let mut run = Run::stepped(subject, subject.setup())?;
         let name = quote(&input.name);
         subject.report.stage(format!("with {name} = {value}"));
-        let mut run = Run::stepped(subject, subject.setup())?;
         if run.set(input, &[Value::Float64(value)]).is_err() {
             continue;
         }

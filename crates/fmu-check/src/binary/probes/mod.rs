@@ -4,6 +4,7 @@ mod host;
 mod runs;
 mod values;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -14,7 +15,7 @@ use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_host::Library;
 use fmu_worker::Service;
 
-use super::run::{ONLY_ONCE, Report, Run, SKIP, Setup, Subject, claims};
+use super::run::{ONLY_ONCE, Report, Run, SKIP, Setup, Subject, claims, is_refusal};
 use super::values::Trajectory;
 use super::{FMU, Reply, Task};
 use crate::rule::{Rule, rule};
@@ -61,7 +62,7 @@ use Trait::{
 impl Probe {
     /// The test of a name.
     pub fn named(name: &str) -> Result<&'static Self> {
-        let mut all = [FIRST, MISTAKES, OTHERS].into_iter().flatten();
+        let mut all = [FIRST, INSTANCES, MISTAKES, OTHERS].into_iter().flatten();
         all.find(|probe| probe.name == name).context("there is no such test")
     }
 
@@ -69,10 +70,15 @@ impl Probe {
         self.traits.contains(&Quick)
     }
 
+    /// Whether its calls are those that hosts must not make.
+    pub fn is_misuse(&self) -> bool {
+        self.traits.contains(&Misuse)
+    }
+
     /// The rule that it breaks if the process crashes, hangs or ends.
     pub fn crash(&self) -> &'static Rule {
         match self.traits {
-            traits if traits.contains(&Misuse) => rule!("survives-misuse"),
+            _ if self.is_misuse() => rule!("survives-misuse"),
             traits if traits.contains(&Own) => self.rule,
             _ => rule!("survives"),
         }
@@ -81,20 +87,21 @@ impl Probe {
     /// Its time limit in seconds, given the usual one.
     pub fn seconds(&self, usual: u64) -> u64 {
         const FEW: u64 = 5;
-        match self.traits.contains(&Misuse) || self.traits.contains(&Brief) {
+        match self.is_misuse() || self.traits.contains(&Brief) {
             true => usual.min(FEW),
             false => usual,
         }
     }
 
-    /// Whether it is for an interface type of an FMU, given by its element.
-    pub fn applies(&self, element: &Element<'_>, version: FmiVersion) -> bool {
+    /// Whether it is for an interface type of an FMU, given by its element; `is_alone` tells that a process may have one
+    /// instance only.
+    pub fn applies(&self, element: &Element<'_>, version: FmiVersion, is_alone: bool) -> bool {
         self.traits.iter().all(|needed| match needed {
             CoSimulation => element.name == "CoSimulation",
             ModelExchange => element.name == "ModelExchange",
             Fmi2 => version == FmiVersion::Fmi2,
             Fmi3 => version == FmiVersion::Fmi3,
-            Several => !claims(element, ONLY_ONCE, version),
+            Several => !is_alone,
             Claims(flag) => claims(element, flag, version),
             _ => true,
         })
@@ -113,6 +120,11 @@ impl Probe {
     fn run(&self, subject: &Subject<'_>) -> Result<()> {
         match ((self.test)(subject), self.claim()) {
             (Err(error), _) if error.downcast_ref() == Some(&SKIP) => Ok(()),
+            (Err(error), _) if subject.needs_ticks && is_refusal(&error) => {
+                let text = format!("not tested, since its clocks do not tick: {error:#}");
+                subject.report.find(rule!("not-tested"), text);
+                Ok(())
+            }
             (Err(error), Some(claim)) => Err(error.context(claim)),
             (outcome, _) => outcome,
         }
@@ -178,7 +190,13 @@ pub fn run() -> Result<()> {
     if let Err(error) = outcome {
         // The folder no longer exists when the message is read.
         let text = format!("{error:#}").replace(&format!("{}/", folder.display()), "");
-        report.fail(probe.rule, &text);
+        match lacking(&text).filter(|name| !is_in(&folder, name)) {
+            Some(name) if library.is_err() => {
+                let text = format!("this machine lacks {name}, which it needs; no binary was run");
+                report.find(rule!("binary-not-run"), text);
+            }
+            _ => report.fail(probe.rule, &text),
+        }
     }
     report.reply(&Reply::Tested);
     if probe.traits.contains(&Unloads) {
@@ -187,6 +205,34 @@ pub fn run() -> Result<()> {
     }
     report.reply(&Reply::Done);
     Ok(())
+}
+
+/// The library, or the version of one, for want of which another cannot be loaded, from the message of the dynamic
+/// loader of Linux.
+fn lacking(text: &str) -> Option<&str> {
+    let text = text.rsplit_once("cannot be loaded: ").map_or(text, |(_, reason)| reason);
+    if let Some((name, _)) = text.split_once(": cannot open shared object file") {
+        return Some(name);
+    }
+    let (_, version) = text.split_once(": version `")?;
+    version.split_once("' not found").map(|(version, _)| version)
+}
+
+/// Whether a folder or one in it has a file of this name.
+fn is_in(folder: &Path, name: &str) -> bool {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path()).any(|path| path.ends_with(name) || is_in(&path, name))
+}
+
+#[test]
+fn a_library_that_the_machine_lacks_is_named() {
+    let lacks =
+        "it cannot be loaded: libgfortran.so.3: cannot open shared object file: No such file";
+    assert_eq!(lacking(lacks), Some("libgfortran.so.3"));
+    let old =
+        "it cannot be loaded: /lib/libc.so.6: version `GLIBC_2.99' not found (required by a.so)";
+    assert_eq!(lacking(old), Some("GLIBC_2.99"));
+    assert_eq!(lacking("it cannot be loaded: a.so: undefined symbol: f"), None);
 }
 
 /// Gives threads that the FMU has left behind the time to end or to wait, since a library whose code runs
@@ -243,6 +289,13 @@ const ALONE: &str = " as alone";
 const STOP: &str = " as with the stop time of the default experiment";
 const WHOLE: &str = " as with whole steps";
 
+/// Whether instances share state; other tests then make one in each process.
+pub static INSTANCES: &[Probe] = probes! {
+    "instances": "separate-instances", |s| same(s, ["with a second instance", ALONE], ROUNDING, runs::beside), Quick, Several;
+    "previous": "separate-instances",
+        |s| same(s, ["after another instance was freed", ALONE], ROUNDING, runs::after_another), Quick, Several;
+};
+
 /// Calls that hosts make by mistake; other tests make none if these crash.
 pub static MISTAKES: &[Probe] = probes! {
     "mistakes": "survives-misuse", host::mistakes, Misuse;
@@ -265,7 +318,6 @@ pub static OTHERS: &[Probe] = probes! {
     "input-derivatives": "input-derivatives", values::derivatives_of_inputs_in_time,
         Quick, Fmi2, CoSimulation, INTERPOLATES;
     "output-derivatives": "output-derivatives", values::derivatives_of_outputs_in_time, Quick, CoSimulation;
-    "instances": "separate-instances", |s| same(s, ["with a second instance", ALONE], ROUNDING, runs::beside), Quick, Several;
     "reset": "reset", |s| same(s, ["after fmi2Reset", NEW], s.tolerance, runs::reset), Quick;
     "reset-new": "reset",
         |s| same(s, ["after fmi2Reset of a new instance", NEW], s.tolerance,
@@ -274,8 +326,6 @@ pub static OTHERS: &[Probe] = probes! {
         |s| same(s, ["after fmi2Reset in initialization mode", NEW], s.tolerance,
             |s, how| runs::reset_and_run(s, how, Run::initializing(s, s.setup())?));
     "reset-values": "reset", runs::reset_values;
-    "previous": "separate-instances",
-        |s| same(s, ["after another instance was freed", ALONE], ROUNDING, runs::after_another);
     "thread": "any-thread", |s| same(s, ["on another thread", ALONE], ROUNDING, runs::on_a_thread);
     "threads": "any-thread", runs::on_threads, Own, Several;
     "strings-of-instances": "string-lifetime", values::strings_of_instances, Several;
@@ -286,7 +336,7 @@ pub static OTHERS: &[Probe] = probes! {
             setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - s.start));
         });
     "summed-times": "rounded-times",
-        |s| same_with(s, ["with times that are rounded in another way", ""], s.tolerance,
+        |s| same_with(s, ["with times that are rounded in another way", ""], s.tolerance.max(runs::RESTART),
             |setup| setup.summed_times = true);
     "step-size": "variable-step-size", runs::step_sizes, Quick, CoSimulation, VARIABLE_STEPS;
     "micro-steps": "micro-steps",
@@ -338,7 +388,7 @@ pub static OTHERS: &[Probe] = probes! {
 
 #[test]
 fn tests_have_different_names() {
-    let names = [FIRST, MISTAKES, OTHERS].into_iter().flatten().map(|probe| probe.name);
+    let names = [FIRST, INSTANCES, MISTAKES, OTHERS].into_iter().flatten().map(|probe| probe.name);
     let different: std::collections::HashSet<_> = names.clone().collect();
     assert_eq!(names.count(), different.len());
 }
