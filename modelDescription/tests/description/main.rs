@@ -98,6 +98,12 @@ fn the_xml_of_each_version_has_all_that_the_struct_says() {
     let terminals = description(&TANK_COPY).terminals(true).unwrap().unwrap();
     assert_is_file("Tank_terminals.xml", &terminals.document().unwrap());
     assert_eq!(description(&LISTS_COPY).terminals(false).unwrap(), None);
+    // Derivatives of outputs: none is known of `power`, and none of a discrete real number.
+    let mut known = description(&SPRING_COPY);
+    known.variables.retain(|variable| variable.name != "power");
+    assert!(xml(&known, Fmi2).contains("maxOutputDerivativeOrder=\"1\""));
+    known.variables.iter_mut().find(|v| v.name == "hits").unwrap().of_type = Type::Float64;
+    assert!(xml(&known, Fmi2).contains("maxOutputDerivativeOrder=\"0\""));
     let mut stepped = description(&SPRING_COPY);
     stepped.is_continuous = false;
     assert!(!xml(&stepped, Fmi2).contains("reinit"), "events of model exchange only");
