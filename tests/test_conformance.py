@@ -84,6 +84,48 @@ def test_a_defect_is_found(conformance: Callable[..., Path], defect: str) -> Non
     pytest.fail(str(found))
 
 
+def hybrid(folder: Path, definitions: str, *, hidden: bool = False) -> Path:
+    """Return the FMU of `tests/c/hybrid.c`, if `hidden` without its discrete outputs in the XML."""
+    xml = (SOURCES / "hybrid.xml").read_text()
+    if hidden:
+        xml = re.sub(r' *<ScalarVariable name="(gear|gate|high)".*\n', "", xml)
+        xml = re.sub(r'<Unknown index="1[345]"/>', "", xml)
+    return in_c(folder / "Hybrid.fmu", *definitions.split(), xml=xml)
+
+
+def by_rule(fmu: Path) -> dict[str, list[str]]:
+    """Return the texts of the findings of each rule."""
+    report = json.loads(cargo_fmu("validate", "--format", "json", fmu).stdout)
+    rules = report["files"][0]["rules"]
+    return {rule["id"]: [found["text"] for found in rule["findings"]] for rule in rules}
+
+
+@pytest.mark.parametrize(
+    ("defect", "hidden", "jump", "effect"),
+    [
+        ("MISSES_INDICATOR", False, '"u" has jumped to 1', '"high" at t = 0.2 s is false'),
+        ("MISSES_INDICATOR", True, '"u" has jumped to 1', '"level" at t = 0.2 s is 0 in'),
+        ("MISSES_DISCRETE", False, '"wanted" has jumped to 2', '"gear" at t = 0.2 s is 1 in'),
+        ("MISSES_DISCRETE", True, '"open" has jumped to true', '"volume" at t = 0.2 s is 0 in'),
+    ],
+)
+def test_events_by_inputs_that_co_simulation_ignores_are_found(
+    defect: str, hidden: bool, jump: str, effect: str, tmp_path: Path
+) -> None:
+    (found,) = by_rule(hybrid(tmp_path, defect, hidden=hidden))["input-events"]
+    assert jump in found
+    assert effect in found
+
+
+@pytest.mark.parametrize(
+    "solver",
+    ["NONE", "LATE", "ONE_EULER_STEP", "CHATTERS", "CHATTERS LATE", "CHATTERS ONE_EULER_STEP",
+     "REFUSES"],
+)  # fmt: skip
+def test_another_solver_or_a_delay_is_no_ignored_event(solver: str, tmp_path: Path) -> None:
+    assert "input-events" not in by_rule(hybrid(tmp_path, solver))
+
+
 @pytest.mark.parametrize("defect", ["CRASH_IN_STEP", "HANG_IN_INIT", "EXIT_IN_INSTANTIATE"])
 def test_no_run_does_not_run_the_binary(conformance: Callable[..., Path], defect: str) -> None:
     assert findings(conformance(defect), "--no-run") == []

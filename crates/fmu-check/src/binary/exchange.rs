@@ -5,9 +5,11 @@ use std::fmt::Arguments;
 
 use anyhow::{Error, Result};
 use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
+use fmu_description::{Causality, Listed, Value};
 use fmu_host::{Cause, Failure, Instance, Status};
 
 use super::run::{EVENT_EVERY, Place, Run};
+use crate::rules::is_continuous;
 
 /// The largest relative tolerance of the solver.
 const TOLERANCE: f64 = 1e-4;
@@ -89,18 +91,19 @@ impl Run<'_> {
         for part in 0..parts {
             let size = step / parts as f64;
             if !self.ended {
-                self.integrate_part(begin + part as f64 * size, size)?;
+                let tolerance = self.subject.model.experiment("tolerance").filter(|t| *t > 0.0);
+                let tolerance = tolerance.unwrap_or(TOLERANCE).min(TOLERANCE);
+                self.integrate_part(begin + part as f64 * size, size, tolerance)?;
             }
         }
         Ok(())
     }
 
-    fn integrate_part(&mut self, time: f64, size: f64) -> Result<()> {
+    /// Integrates from `time` with inputs that keep their values.
+    pub fn integrate_part(&mut self, time: f64, size: f64, tolerance: f64) -> Result<()> {
         let (states, indicators) = (self.states(), self.subject.indicators);
         let workspace = self.solver.workspace.take();
         let mut workspace = workspace.unwrap_or_else(|| Workspace::new(states, indicators));
-        let tolerance = self.subject.model.experiment("tolerance").filter(|t| *t > 0.0);
-        let tolerance = tolerance.unwrap_or(TOLERANCE).min(TOLERANCE);
         // The events that inputs cause were handled when the inputs were set.
         self.solver.indicators = self.event_indicators()?;
         let Place { handled, restarts, .. } = self.place;
@@ -119,6 +122,31 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+}
+
+impl Run<'_> {
+    /// Sets an input or a tunable parameter between two steps, and handles the event that this is. A continuous input is
+    /// set in continuous-time mode, where it causes an event only if an indicator changes its sign, which need not be
+    /// noticed. Returns whether it does.
+    pub fn jump(&mut self, variable: &Listed<'_>, values: &[Value], notices: bool) -> Result<bool> {
+        if variable.causality == Causality::Input
+            && variable.of_type.is_float()
+            && is_continuous(variable)
+        {
+            let before = signs(&self.event_indicators()?);
+            self.set(variable, values)?;
+            let is_event = signs(&self.event_indicators()?) != before;
+            if is_event && notices {
+                self.instance.enter_event_mode()?;
+                self.iterate()?;
+            }
+            return Ok(is_event);
+        }
+        self.instance.enter_event_mode()?;
+        self.set(variable, values)?;
+        self.iterate()?;
+        Ok(true)
     }
 }
 

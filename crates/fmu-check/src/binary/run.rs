@@ -809,7 +809,7 @@ impl<'a> Run<'a> {
     }
 
     /// Takes a step, and handles the events in it and at its end in event mode, if the FMU needs that.
-    fn step(&mut self, time: f64, step: f64) -> Result<()> {
+    pub fn step(&mut self, time: f64, step: f64) -> Result<()> {
         let end = time + step;
         let (mut begin, mut size) = (time, step);
         for _ in 0..MAX_ROUNDS {

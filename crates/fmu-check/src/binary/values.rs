@@ -238,11 +238,7 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
         let signal = match variable.of_type {
             Type::Float32 | Type::Float64 => {
                 let start = start.and_then(|start| start.as_real()).unwrap_or(0.0);
-                let (min, max) = real_range(variable);
-                let nominal = variable.inherited("nominal").and_then(real).unwrap_or(1.0);
-                let usual = start.abs().max(nominal.abs());
-                let is_narrow = max - min < 1e3 * usual;
-                Signal::Real(start, if is_narrow { (max - min) / 2.0 } else { usual })
+                Signal::Real(start, usual_change(variable, start))
             }
             Type::Boolean => {
                 let start = start.unwrap_or(Value::Boolean(false));
@@ -260,6 +256,15 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
         Input { variable, index, signal }
     });
     inputs.collect()
+}
+
+/// How far a real number with a start value may usually move.
+pub fn usual_change(variable: &Listed<'_>, start: f64) -> f64 {
+    let (min, max) = real_range(variable);
+    let nominal = variable.inherited("nominal").and_then(real).unwrap_or(1.0);
+    let usual = start.abs().max(nominal.abs());
+    let is_narrow = max - min < 1e3 * usual;
+    if is_narrow { (max - min) / 2.0 } else { usual }
 }
 
 impl Input<'_> {

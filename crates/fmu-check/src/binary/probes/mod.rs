@@ -1,6 +1,7 @@
 //! The tests of a binary. Each runs in a process of its own.
 
 mod host;
+mod interfaces;
 mod runs;
 mod values;
 
@@ -361,6 +362,7 @@ pub static OTHERS: &[Probe] = probes! {
     "events": "event-iteration", values::events, ModelExchange;
     "array-lengths": "array-lengths", host::array_lengths, Misuse, Fmi3;
     "sizes": "structural-parameters", values::sizes, Quick, Fmi3, CoSimulation;
+    "input-events": "input-events", interfaces::input_events, CoSimulation, Several;
     "adjoint": "adjoint-derivatives", values::adjoint_derivatives, Quick, Fmi3, ADJOINT;
     "event-mode": "event-mode", runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
     "flags": "runs", runs::flags, Quick, Fmi3, CoSimulation;
