@@ -122,8 +122,14 @@ def test_events_by_inputs_that_co_simulation_ignores_are_found(
     ["NONE", "LATE", "ONE_EULER_STEP", "CHATTERS", "CHATTERS LATE", "CHATTERS ONE_EULER_STEP",
      "REFUSES"],
 )  # fmt: skip
-def test_another_solver_or_a_delay_is_no_ignored_event(solver: str, tmp_path: Path) -> None:
-    assert "input-events" not in by_rule(hybrid(tmp_path, solver))
+def test_another_solver_or_a_delay_is_no_defect(solver: str, tmp_path: Path) -> None:
+    assert not {"input-events", "long-steps"} & by_rule(hybrid(tmp_path, solver)).keys()
+
+
+def test_samples_in_a_wrong_order_are_found(tmp_path: Path) -> None:
+    """The slow samples of a step come before its fast ones; the solver is the same for all steps."""
+    (found,) = by_rule(hybrid(tmp_path, "SLOW_FIRST"))["long-steps"]
+    assert '"slow" at t = 0.5 s is 48, expected 49 as with steps of 0.01 s' in found
 
 
 @pytest.mark.parametrize("defect", ["CRASH_IN_STEP", "HANG_IN_INIT", "EXIT_IN_INSTANTIATE"])

@@ -160,7 +160,7 @@ PLANT(UNINITIALISED_FIELD, BOTH, "initialised-memory", "y depends on memory that
 PLANT(UNINITIALISED_REAL, BOTH, "initialised-memory", "y depends on a Real that was never written")
 PLANT(START_TIME_IGNORED, BOTH, "start-time", "the time always starts at 0")
 PLANT(SAMPLE_NEEDS_EXACT_TIME, BOTH, NULL, "samples are missed unless the time is equal to the last bit")
-PLANT(ONE_SAMPLE_PER_STEP, CS, NULL, "a step takes one sample at most")
+PLANT(ONE_SAMPLE_PER_STEP, CS, "long-steps", "a step takes one sample at most")
 PLANT(ONE_STEP_SIZE_ONLY, CS, "variable-step-size", "fmi2DoStep refuses steps other than 0.01 s")
 PLANT(SAMPLES_OVERFLOW, BOTH, "heap", "the samples overflow a buffer of 16 on the heap")
 PLANT(CRASH_IN_STEP, BOTH, "survives", "the first step crashes")

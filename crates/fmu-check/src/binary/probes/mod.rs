@@ -3,6 +3,7 @@
 mod host;
 mod interfaces;
 mod runs;
+mod steps;
 mod values;
 
 use std::path::Path;
@@ -348,6 +349,7 @@ pub static OTHERS: &[Probe] = probes! {
         |s| same_with(s, ["with each step in two halves", WHOLE],
             s.tolerance.max(COARSE), |setup| setup.fractions = &[0.5, 0.5]),
         CoSimulation, VARIABLE_STEPS;
+    "long-steps": "long-steps", steps::long_steps, CoSimulation, VARIABLE_STEPS;
     "stop-time-passed": "past-stop-time", host::past_stop, Misuse, Fmi2, CoSimulation;
     "end": "get-after-terminate", runs::end;
     "get": "get-is-pure", values::get;
