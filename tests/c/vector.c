@@ -1,5 +1,5 @@
-/* A co-simulation FMU of FMI 3.0 that adds the parameter c, an array of n elements, to the output w in each
- * step, and counts its steps at events. n is a structural parameter. The output y is twice the input u. A defect
+/* A co-simulation FMU of FMI 3.0 that adds the parameter c and the input a, arrays of n elements, to the output w in
+ * each step, and counts its steps at events. n is a structural parameter. The output y is twice the input u. A defect
  * is chosen by its name: cc -DLENGTHS ... */
 #include <stdbool.h>
 #include <stddef.h>
@@ -19,11 +19,11 @@ enum { OK, ERROR = 3, MOST = 8 };
 #define START_W 0
 #endif
 
-enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6, COUNT = 7 };
+enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6, COUNT = 7, A = 8 };
 
 typedef struct {
     uint64_t n;
-    double w[MOST], c[MOST], time, u;
+    double w[MOST], c[MOST], a[MOST], time, u;
     bool is_running, is_late, event_mode;
     int steps, count;
     void (*update)(void *, double, bool, bool, bool, bool, bool *, double *);
@@ -35,13 +35,16 @@ typedef const unsigned *References;
 static void restart(Vector *v) {
     const uint64_t n = v->n;
     (void)n;
-    const Vector start = {3, {START_W}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false, false, v->event_mode, 0, 0, v->update, v->environment};
+    const Vector start = {3, {START_W}, {1, 2, 3, 4, 5, 6, 7, 8}, {0}, 0, 0, false, false, v->event_mode, 0, 0, v->update, v->environment};
+    const Vector old = *v;
+    (void)old;
+    *v = start;
 #ifdef RESET
-    const double kept = v->w[1];
-    *v = start;
-    v->w[1] = kept;
-#else
-    *v = start;
+    v->w[1] = old.w[1];
+#elif defined RESET_PARAMETER
+    if (old.n) v->c[1] = old.c[1];
+#elif defined RESET_INPUT
+    v->a[1] = old.a[1];
 #endif
 #ifdef RESET_SIZE
     v->n = n ? n : v->n;
@@ -101,12 +104,15 @@ int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, boo
     if (time + step > TICK) return ERROR;
 #endif
     if (!(step >= 0 && step < 1e3) || time < v->time - 1e-6 || time > v->time + 1e-6) return ERROR;
-    for (size_t i = 0; i < v->n; i++) v->w[i] += step * v->c[i];
+    for (size_t i = 0; i < v->n; i++) v->w[i] += step * (v->c[i] + v->a[i]);
     *terminate = *early = false;
     *event = v->event_mode;
     *last = v->time = time + step;
     v->steps++;
     if (!v->event_mode) v->count = v->steps;
+#ifdef DRIFT
+    v->c[1] *= 1 + 1e-3 * step;
+#endif
 #ifdef DISCRETE
     v->count = v->steps;
 #elif defined EVENT_NEEDED
@@ -135,7 +141,7 @@ static double reached(const Vector *v) {
 #endif
 }
 
-static double *array(Vector *v, unsigned reference) { return reference == W ? v->w : v->c; }
+static double *array(Vector *v, unsigned reference) { return reference == W ? v->w : reference == A ? v->a : v->c; }
 
 int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t count) {
     for (size_t i = 0; i < n; i++) {
@@ -144,7 +150,7 @@ int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t cou
             *values++ = r[i] == TIME ? reached(v) : r[i] == U ? v->u : 2 * v->u + NOISE;
             continue;
         }
-        if (r[i] != W && r[i] != C) return ERROR;
+        if (r[i] != W && r[i] != C && r[i] != A) return ERROR;
 #ifdef LENGTHS
         const size_t size = count < v->n ? count : v->n;
 #elif defined SIZES
@@ -165,12 +171,20 @@ int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t cou
 
 int fmi3SetFloat64(Vector *v, References r, size_t n, const double *values, size_t count) {
     if (n == 0) return OK;
-    if (n == 1 && r[0] == U && count == 1) return v->u = *values, OK;
-    if (n != 1 || r[0] != C || v->is_running || count != v->n) return ERROR;
+    for (size_t i = 0; i < n; i++) {
+        size_t size = r[i] == U ? 1 : v->n;
+        if (count < size || (r[i] != U && r[i] != C && r[i] != A)) return ERROR;
+        values += size, count -= size;
+    }
+    if (count) return ERROR;
+    for (size_t i = n; i-- > 0;) {
+        size_t size = r[i] == U ? 1 : v->n;
+        values -= size;
 #ifdef KEPT
-    count--;
+        if (r[i] == C) size--;
 #endif
-    memcpy(v->c, values, count * sizeof *values);
+        memcpy(r[i] == U ? &v->u : array(v, r[i]), values, size * sizeof *values);
+    }
     return OK;
 }
 
@@ -211,12 +225,15 @@ int fmi3GetFMUState(Vector *v, Vector **state) {
 }
 
 int fmi3SetFMUState(Vector *v, const Vector *state) {
+    const Vector old = *v;
+    (void)old;
+    *v = *state;
 #ifdef STATE
-    const double kept = v->w[1];
-    *v = *state;
-    v->w[1] = kept;
-#else
-    *v = *state;
+    v->w[1] = old.w[1];
+#elif defined STATE_PARAMETER
+    v->c[1] = old.c[1];
+#elif defined STATE_INPUT
+    v->a[1] = old.a[1];
 #endif
     return OK;
 }

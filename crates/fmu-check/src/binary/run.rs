@@ -17,11 +17,12 @@ use fmu_worker::{Calls, Function, Record, Service};
 
 use super::exchange::Solver;
 use super::values::{
-    EXCITATIONS, Input, MAX_ELEMENTS, Observed, Row, Trajectory, get, inputs, is_tested, other,
+    EXCITATIONS, Input, Observed, Row, Trajectory, get, inputs, is_readable, is_tested, others,
+    starts,
 };
 use super::{FMU, Reply, Task, logged};
 use crate::rule::{Rule, rule};
-use crate::rules::{is_clocked, is_continuous};
+use crate::rules::is_continuous;
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
@@ -392,24 +393,20 @@ impl<'a> Subject<'a> {
         readable(self.model, &self.task.ignored)
     }
 
-    pub fn all(&self) -> impl Iterator<Item = &'a Listed<'a>> {
-        self.readable().filter(|v| is_tested(v))
-    }
-
-    /// The scalars of a causality that can be read.
+    /// The variables of a causality that can be read.
     pub fn variables(&self, causality: Causality) -> impl Iterator<Item = &'a Listed<'a>> {
-        self.all().filter(move |v| v.causality == causality)
+        self.readable().filter(move |v| v.causality == causality)
     }
 
-    /// The scalars that the host sets: parameters and inputs.
+    /// The variables that the host sets: parameters and inputs.
     pub fn settable(&self) -> impl Iterator<Item = &'a Listed<'a>> {
-        self.all().filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input))
+        self.readable().filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input))
     }
 
     /// The Float64 scalars of a causality that can be read.
     pub fn reals(&self, causality: Causality) -> Vec<&'a Listed<'a>> {
         let all = self.variables(causality);
-        all.filter(|v| v.of_type == Type::Float64).collect()
+        all.filter(|v| v.of_type == Type::Float64 && is_tested(v)).collect()
     }
 
     /// Of [`Subject::reals`], the continuous ones.
@@ -476,12 +473,8 @@ pub fn readable<'a>(
     model: &'a ModelDescription<'a>,
     without: &HashSet<String>,
 ) -> impl Iterator<Item = &'a Listed<'a>> {
-    let is_array = |v: &Listed<'_>| {
-        let is_other = matches!(v.of_type, Type::String | Type::Binary | Type::Clock);
-        !v.dimensions.is_empty() && v.count() <= MAX_ELEMENTS && !is_other && !is_clocked(v)
-    };
     let all = model.variables().map(|(_, v)| v);
-    all.filter(move |v| (is_tested(v) || is_array(v)) && !without.contains(&v.name))
+    all.filter(move |v| is_readable(v) && !without.contains(&v.name))
 }
 
 pub struct Run<'a> {
@@ -642,12 +635,12 @@ impl<'a> Run<'a> {
         self.read(variable)?.pop().context("it has no elements")
     }
 
-    /// The value of a scalar that the host sets. It cannot be read in initialization mode, in which it has its start
-    /// value until a test changes it.
-    pub fn setting(&mut self, variable: &Listed<'_>) -> Result<Value> {
+    /// The values of a variable that the host sets. They cannot be read in initialization mode, in which it has its start
+    /// values until a test changes them.
+    pub fn setting(&mut self, variable: &Listed<'_>) -> Result<Vec<Value>> {
         match self.is_initialized {
-            true => self.value(variable),
-            false => variable.start_of(0).cloned().context(SKIP),
+            true => self.read(variable),
+            false => starts(variable).context(SKIP),
         }
     }
 
@@ -655,11 +648,11 @@ impl<'a> Run<'a> {
         self.instance.set_values(variable.of_type, &[variable.reference], values)
     }
 
-    /// Sets scalars to other values than their start values; the test ends if the FMU refuses one.
+    /// Sets variables to other values than their start values; the test ends if the FMU refuses one.
     pub fn change<'b>(&mut self, variables: impl Iterator<Item = &'b Listed<'b>>) -> Result<()> {
         for variable in variables {
-            if let Some(value) = other(variable) {
-                self.set(variable, &[value]).ok().context(SKIP)?;
+            if let Some(values) = others(variable).first() {
+                self.set(variable, values).ok().context(SKIP)?;
             }
         }
         Ok(())
@@ -704,8 +697,8 @@ impl<'a> Run<'a> {
     pub fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
         let Setup { excitation, seed, .. } = self.setup;
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
-            if let Some(value) = input.value(excitation, seed, self.place.point) {
-                self.set(input.variable, &[value])?;
+            if let Some(values) = input.values(excitation, seed, self.place.point) {
+                self.set(input.variable, &values)?;
             }
         }
         Ok(())

@@ -11,8 +11,9 @@ use crate::rules::{is_clocked, is_continuous};
 
 /// Maximum number of values that a run records; longer runs record fewer points.
 const MAX_VALUES: usize = 1 << 21;
-/// Maximum number of elements of an array that is tested.
+/// Maximum number of elements of an array that is tested, and of those of an input that change in a run.
 pub const MAX_ELEMENTS: usize = 1 << 16;
+const MAX_EXCITED: usize = 1000;
 
 /// Gets `n` values of variables of one type. A Boolean that is neither 0 nor 1 stays a number.
 pub fn get(
@@ -215,11 +216,23 @@ pub fn is_tested(variable: &Listed<'_>) -> bool {
         && !is_clocked(variable)
 }
 
+/// Whether the tests read a variable: a scalar, or an array of numbers or Booleans that is not too large.
+pub fn is_readable(variable: &Listed<'_>) -> bool {
+    let is_other = matches!(variable.of_type, Type::String | Type::Binary | Type::Clock);
+    let is_array = !variable.dimensions.is_empty()
+        && variable.count() <= MAX_ELEMENTS
+        && !is_other
+        && variable.causality != Causality::StructuralParameter
+        && !is_clocked(variable);
+    is_tested(variable) || is_array
+}
+
 /// An input, and how its value changes.
 pub struct Input<'a> {
     pub variable: &'a Listed<'a>,
     index: u64,
-    signal: Signal,
+    /// Of its elements, the first ones of a large array.
+    signals: Vec<Signal>,
 }
 
 enum Signal {
@@ -229,33 +242,56 @@ enum Signal {
     Choice(Vec<Value>, usize),
 }
 
-/// The inputs of a model that are scalars.
+/// The inputs of a model.
 pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
     let inputs = model.variables().map(|(_, v)| v);
-    let inputs = inputs.filter(|v| v.causality == Causality::Input && is_tested(v));
+    let inputs = inputs.filter(|v| v.causality == Causality::Input && is_readable(v));
     let inputs = inputs.zip(0..).map(|(variable, index)| {
-        let start = variable.start_of(0).cloned();
-        let signal = match variable.of_type {
+        let elements = 0..variable.count().min(MAX_EXCITED);
+        let signals = elements.map(|element| Signal::of(variable, element, index)).collect();
+        Input { variable, index, signals }
+    });
+    inputs.collect()
+}
+
+impl Signal {
+    /// How an element of a variable changes, which is one of several inputs.
+    fn of(variable: &Listed<'_>, element: usize, index: u64) -> Self {
+        let start = variable.start_of(element).cloned();
+        match variable.of_type {
             Type::Float32 | Type::Float64 => {
                 let start = start.and_then(|start| start.as_real()).unwrap_or(0.0);
-                Signal::Real(start, usual_change(variable, start))
+                Self::Real(start, usual_change(variable, start))
             }
             Type::Boolean => {
                 let start = start.unwrap_or(Value::Boolean(false));
-                Signal::Choice(near(variable, &start), 11)
+                Self::Choice(near(variable, &start), 11)
             }
-            Type::String => Signal::Choice(Vec::new(), 1),
+            Type::String => Self::Choice(Vec::new(), 1),
             whole => {
                 let start = start.or_else(|| Value::whole(whole, 0));
                 let mut values = start.map_or(Vec::new(), |start| near(variable, &start));
-                let first = (index as usize).checked_rem(values.len());
+                let first = (index as usize + element).checked_rem(values.len());
                 values.rotate_left(first.unwrap_or_default());
-                Signal::Choice(values, 7)
+                Self::Choice(values, 7)
             }
-        };
-        Input { variable, index, signal }
-    });
-    inputs.collect()
+        }
+    }
+
+    fn value(&self, of: &Listed<'_>, excitation: f64, key: u64, point: usize) -> Option<Value> {
+        match self {
+            Self::Real(start, size) if excitation > 0.0 => {
+                let value = start + excitation * size * signal(key, point);
+                let (min, max) = real_range(of);
+                // Not `clamp`, since the XML may be wrong about which is larger.
+                Value::real(of.of_type, value.max(min).min(max))
+            }
+            Self::Choice(values, points) if excitation == EXCITATIONS[0] => {
+                values.get((point / points).checked_rem(values.len())?).cloned()
+            }
+            _ => None,
+        }
+    }
 }
 
 /// How far a real number with a start value may usually move.
@@ -268,20 +304,17 @@ pub fn usual_change(variable: &Listed<'_>, start: f64) -> f64 {
 }
 
 impl Input<'_> {
-    /// The value at a communication point with one of [`EXCITATIONS`]; `None` if the input keeps its start value.
-    pub fn value(&self, excitation: f64, seed: u64, point: usize) -> Option<Value> {
-        match &self.signal {
-            Signal::Real(start, size) if excitation > 0.0 => {
-                let value = start + excitation * size * signal(seed << 32 | self.index, point);
-                let (min, max) = real_range(self.variable);
-                // Not `clamp`, since the XML may be wrong about which is larger.
-                Value::real(self.variable.of_type, value.max(min).min(max))
-            }
-            Signal::Choice(values, points) if excitation == EXCITATIONS[0] => {
-                values.get((point / points).checked_rem(values.len())?).cloned()
-            }
-            _ => None,
-        }
+    /// The values at a communication point with one of [`EXCITATIONS`]; `None` if the input keeps its start values.
+    pub fn values(&self, excitation: f64, seed: u64, point: usize) -> Option<Vec<Value>> {
+        let elements = (0..).zip(&self.signals).map(|(element, signal)| {
+            let key = seed << 32 | self.index | element << 16;
+            signal.value(self.variable, excitation, key, point)
+        });
+        let excited: Vec<Value> = elements.collect::<Option<_>>()?;
+        let others =
+            (excited.len()..self.variable.count()).map(|k| self.variable.start_of(k).cloned());
+        let others: Option<Vec<Value>> = others.collect();
+        Some([excited, others?].concat())
     }
 
     /// Whether a host may set it in continuous-time mode.
@@ -334,17 +367,31 @@ fn near(variable: &Listed<'_>, start: &Value) -> Vec<Value> {
     near
 }
 
-/// Another value of a scalar than its start value, which must be in the XML.
-pub fn other(variable: &Listed<'_>) -> Option<Value> {
-    others(variable).into_iter().next()
+/// The start values of the elements of a variable.
+pub fn starts(variable: &Listed<'_>) -> Option<Vec<Value>> {
+    (0..variable.count()).map(|element| variable.start_of(element).cloned()).collect()
 }
 
-/// Other values of a scalar than its start value.
-pub fn others(variable: &Listed<'_>) -> Vec<Value> {
-    let Some(start) = variable.start_of(0) else { return Vec::new() };
-    let mut others = near(variable, start);
-    others.retain(|near| near != start);
-    others
+/// Another value of a scalar than its start value, which must be in the XML.
+pub fn other(variable: &Listed<'_>) -> Option<Value> {
+    others(variable).into_iter().next()?.pop()
+}
+
+/// Other values of a variable than its start values. Those of an array differ in each element that may have another one.
+pub fn others(variable: &Listed<'_>) -> Vec<Vec<Value>> {
+    let Some(starts) = starts(variable) else { return Vec::new() };
+    let others = |start: &Value| {
+        let mut others = near(variable, start);
+        others.retain(|near| near != start);
+        others
+    };
+    let of_elements: Vec<Vec<Value>> = starts.iter().map(others).collect();
+    let most = of_elements.iter().map(Vec::len).max().unwrap_or(0);
+    let row = |k: usize| {
+        let pairs = of_elements.iter().zip(&starts);
+        pairs.map(|(others, start)| others.get(k).unwrap_or(start).clone()).collect()
+    };
+    (0..most).map(row).collect()
 }
 
 /// A step, a sine and random numbers, between -1 and 1.

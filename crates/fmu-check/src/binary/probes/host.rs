@@ -620,7 +620,7 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
         let mut run = Run::stepped(subject, subject.setup())?;
         let name = quote(&input.name);
         subject.report.stage(format!("with {name} = {value}"));
-        if run.set(input, &[Value::Float64(value)]).is_err() {
+        if run.set(input, &vec![Value::Float64(value); input.count()]).is_err() {
             continue;
         }
         // The run sets its inputs itself, so steps are taken without it.

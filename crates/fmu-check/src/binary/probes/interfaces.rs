@@ -12,7 +12,7 @@ use fmu_host::Library;
 
 use crate::binary::run::{Run, SKIP, Subject, is_discrete};
 use crate::binary::values::{
-    Observed, Row, element_name, is_near, others, real_range, shown, size, usual_change,
+    Observed, Row, element_name, is_near, others, real_range, shown, size, starts, usual_change,
 };
 use crate::binary::{FMU, Task};
 use crate::rule::rule;
@@ -28,7 +28,7 @@ const MAX_KNOWNS: usize = 40;
 /// The relative tolerance in model exchange, far below the differences that are looked for.
 const TOLERANCE: f64 = 1e-7;
 /// Maximum duration of the test, as a fraction of the time limit of a call.
-const SHARE: f64 = 0.03;
+const SHARE: f64 = 0.1;
 
 /// An input or tunable parameter that jumps.
 struct Jump<'a> {
@@ -98,19 +98,22 @@ impl<'a> Pair<'a> {
             [false, true].into_iter().filter(|mode| !mode || subject.claims("hasEventMode"));
         for event_mode in modes {
             let usual = self.co_simulation_rows(None, event_mode)?;
-            for variable in self.knowns() {
-                for jump in jumps(variable) {
-                    let judge = |at, values| {
-                        self.judge([&usual, &still], &jump, (at, values), event_mode)
-                            .unwrap_or(None)
-                    };
-                    let found = judge(JUMPS[0], &jump.values);
-                    if found.is_some() && judge(JUMPS[1], &jump.again).is_some() {
-                        return Ok(found);
-                    }
-                    if Instant::now() > self.deadline {
-                        return Ok(None);
-                    }
+            let mut jumps: Vec<_> = self
+                .knowns()
+                .flat_map(|variable| jumps(variable).into_iter().enumerate())
+                .collect();
+            // The first of each variable comes first, as there may be no time for all.
+            jumps.sort_by_key(|(size, _)| *size);
+            for (_, jump) in jumps {
+                let judge = |at, values| {
+                    self.judge([&usual, &still], &jump, (at, values), event_mode).unwrap_or(None)
+                };
+                let found = judge(JUMPS[0], &jump.values);
+                if found.is_some() && judge(JUMPS[1], &jump.again).is_some() {
+                    return Ok(found);
+                }
+                if Instant::now() > self.deadline {
+                    return Ok(None);
                 }
             }
         }
@@ -316,25 +319,24 @@ fn jumps<'a>(variable: &'a Listed<'a>) -> Vec<Jump<'a>> {
     const AGAIN: f64 = 0.96;
     if !variable.of_type.is_float() {
         let others = others(variable).into_iter();
-        return others
-            .map(|value| Jump { variable, values: vec![value.clone()], again: vec![value] })
-            .collect();
+        return others.map(|values| Jump { variable, again: values.clone(), values }).collect();
     }
-    let Some(start) = variable.start_of(0).and_then(Value::as_real) else { return Vec::new() };
-    let ((min, max), usual) = (real_range(variable), usual_change(variable, start));
-    let mut seen = vec![start];
-    let mut jumps = Vec::new();
+    let Some(starts) = starts(variable) else { return Vec::new() };
+    let starts: Vec<f64> = starts.iter().filter_map(Value::as_real).collect();
+    let (min, max) = real_range(variable);
+    let mut jumps: Vec<Jump<'a>> = Vec::new();
     for factor in SIZES {
-        // Not `clamp`, since the XML may be wrong about which is larger.
-        let to = (start + factor * usual).max(min).min(max);
-        let again = start + AGAIN * (to - start);
-        let [Some(value), Some(again)] = [to, again].map(|x| Value::real(variable.of_type, x))
-        else {
-            continue;
+        let to = |share: f64| -> Option<Vec<Value>> {
+            let elements = starts.iter().map(|start| {
+                // Not `clamp`, since the XML may be wrong about which is larger.
+                let to = (start + factor * usual_change(variable, *start)).max(min).min(max);
+                Value::real(variable.of_type, start + share * (to - start))
+            });
+            elements.collect()
         };
-        if !seen.contains(&to) {
-            seen.push(to);
-            jumps.push(Jump { variable, values: vec![value], again: vec![again] });
+        let [Some(stay), Some(values), Some(again)] = [0.0, 1.0, AGAIN].map(to) else { continue };
+        if values != stay && jumps.iter().all(|jump| jump.values != values) {
+            jumps.push(Jump { variable, values, again });
         }
     }
     jumps

@@ -60,7 +60,7 @@ fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<Pace>, Found) {
     /// Larger states are likely to be an error of our solver.
     const MODERATE: f64 = 1e6;
     let elements: Vec<_> = subject.observed.elements().collect();
-    let constants = subject.all().filter(|v| {
+    let constants = subject.readable().filter(|v| {
         use Variability::{Constant, Fixed, Tunable};
         // No tunable parameter is set in this run.
         let is_fixed = matches!(v.variability, Constant | Fixed | Tunable);
@@ -470,8 +470,12 @@ pub fn bytes(run: &mut Run<'_>) -> Result<Vec<u8>> {
 
 /// Changes the start values of all inputs and parameters, resets, and reads them.
 pub fn reset_values(subject: &Subject<'_>) -> Result<()> {
-    let mut run = Run::instantiate(subject, subject.setup())?;
-    run.change(subject.settable())?;
+    let changed = |arrays: bool| -> Result<Run<'_>> {
+        let mut run = Run::instantiate(subject, subject.setup())?;
+        run.change(subject.settable().filter(|v| arrays || v.dimensions.is_empty()))?;
+        Ok(run)
+    };
+    let run = changed(true).or_else(|_| changed(false))?;
     const HOW: &str = "after fmi2Reset";
     subject.report.stage(HOW);
     let mut run = run.reset()?;

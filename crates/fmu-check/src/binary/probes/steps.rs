@@ -56,8 +56,8 @@ fn rows(subject: &Subject<'_>, steps: usize, size: f64) -> Result<Vec<Row>> {
     let setup = subject.setup();
     let mut run = Run::initializing(subject, setup)?;
     for input in &subject.inputs {
-        if let Some(value) = input.value(setup.excitation, setup.seed, POINT) {
-            run.set(input.variable, &[value])?;
+        if let Some(values) = input.values(setup.excitation, setup.seed, POINT) {
+            run.set(input.variable, &values)?;
         }
     }
     run.instance.exit_initialization_mode()?;

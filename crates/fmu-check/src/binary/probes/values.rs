@@ -12,8 +12,8 @@ use fmu_host::{Instance, Kind};
 use crate::binary::Reply;
 use crate::binary::run::{Run, SKIP, Subject, check, is_discrete};
 use crate::binary::values::{
-    MAX_ELEMENTS, Observed, Row, allows, element_name, is_near, is_tested, other, others,
-    real_range, references, shown, size,
+    MAX_ELEMENTS, Observed, Row, allows, element_name, is_near, is_readable, is_tested, other,
+    others, real_range, references, shown, size, starts,
 };
 use crate::rule::rule;
 use crate::rules::is_continuous;
@@ -172,20 +172,22 @@ pub fn nothing(subject: &Subject<'_>) -> Result<()> {
 
 /// Variables with the same value reference have the same value.
 pub fn aliases(subject: &Subject<'_>) -> Result<()> {
-    let mut first: HashMap<(Type, u32), (&Listed<'_>, Value)> = HashMap::new();
+    let mut first: HashMap<(Type, u32), (&Listed<'_>, Vec<Value>)> = HashMap::new();
     let mut run = Run::after(subject, STEPS)?;
-    for variable in subject.observed.variables().filter(|v| is_tested(v)) {
-        let value = run.value(variable)?;
+    for variable in subject.observed.variables() {
+        let values = run.read(variable)?;
         let key = (variable.of_type, variable.reference);
-        let (of, expected) = first.entry(key).or_insert((variable, value.clone()));
-        ensure!(
-            is_near(&value, expected, 0.0),
-            "{} is {}, expected {} like its alias {}",
-            quote(&variable.name),
-            shown(&value),
-            shown(expected),
-            quote(&of.name)
-        );
+        let (of, expected) = first.entry(key).or_insert((variable, values.clone()));
+        for (element, (value, expected)) in values.iter().zip(expected).enumerate() {
+            ensure!(
+                is_near(value, expected, 0.0),
+                "{} is {}, expected {} like its alias {}",
+                element_name(variable, element),
+                shown(value),
+                shown(expected),
+                element_name(of, element)
+            );
+        }
     }
     Ok(())
 }
@@ -232,14 +234,18 @@ fn are_kept<'a>(
     let value = |variable: &Listed<'_>| {
         let is_bounded = variable.min.is_some() || variable.max.is_some();
         let others = others(variable);
+        let large =
+            |bits: u32| Value::whole(variable.of_type, (1 << bits) + 1 + i128::from(together));
         match variable.of_type {
-            // More than 16 bits.
-            Type::Int32 if !is_bounded => Some(Value::Int32(1_234_567 + i32::from(together))),
-            _ if together => others.into_iter().next_back(),
-            _ => others.into_iter().next(),
+            // More than 16 bits, and more than the digits of a Float64.
+            Type::Int32 | Type::UInt32 if !is_bounded => large(20),
+            Type::Int64 | Type::UInt64 if !is_bounded => large(53),
+            _ if together => others.into_iter().next_back()?.pop(),
+            _ => others.into_iter().next()?.pop(),
         }
     };
-    let is_set = |v: &&Listed<'_>| causalities.contains(&v.causality) && value(v).is_some();
+    let is_set =
+        |v: &&Listed<'_>| is_tested(v) && causalities.contains(&v.causality) && value(v).is_some();
     let variables = subject.group(subject.settable().filter(is_set));
     let values: Row = variables.variables().filter_map(value).collect();
     let mut set = |run: &mut Run<'a>| -> Result<()> {
@@ -331,7 +337,7 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
     let listed = subject.model.initial_unknowns.iter();
     let listed = listed.filter_map(|unknown| subject.model.variable(unknown.index));
     let listed = listed.filter(|v| {
-        let is_output = v.causality == Causality::Output && is_tested(v);
+        let is_output = v.causality == Causality::Output && is_readable(v);
         is_output && v.of_type == Type::Float64 && is_continuous(v)
     });
     let listed = subject.group(listed);
@@ -348,11 +354,11 @@ pub fn tunable(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::stepped(subject, subject.setup())?;
     let parameters = subject.variables(Causality::Parameter);
     let tunable: Vec<_> = parameters.filter(|v| v.variability == Variability::Tunable).collect();
-    let values: Vec<Value> =
-        tunable.iter().map(|variable| run.value(variable)).collect::<Result<_>>()?;
+    let values: Vec<_> =
+        tunable.iter().map(|variable| run.read(variable)).collect::<Result<_>>()?;
     run.at_event(|run| {
-        for (variable, value) in tunable.iter().zip(values) {
-            let set = run.set(variable, &[value]);
+        for (variable, values) in tunable.iter().zip(values) {
+            let set = run.set(variable, &values);
             let name = quote(&variable.name);
             set.with_context(|| format!("{name} is tunable, but between two steps"))?;
         }
@@ -537,7 +543,7 @@ fn compare_all(
 ) -> Result<bool> {
     let mut rows: BTreeMap<u32, Vec<(u32, f64)>> = BTreeMap::new();
     // All at first, as hosts must not read between set and step.
-    let value = |(known, _): &Known<'_>| run.setting(known);
+    let value = |(known, _): &Known<'_>| run.setting(known)?.pop().context(SKIP);
     let values: Vec<Value> = knowns.iter().map(value).collect::<Result<_>>()?;
     for (known, value) in knowns.iter().zip(values.iter().filter_map(Value::as_real)) {
         // All derivatives belong to a state.
@@ -784,22 +790,23 @@ fn follow(
 ) -> Result<()> {
     let knowns = &knowns[..knowns.len().min(MAX_INPUTS)];
     // All at first, as hosts must not read between set and step.
-    let value = |known: &&Listed<'_>| run.setting(known);
-    let values: Vec<Value> = knowns.iter().map(value).collect::<Result<_>>()?;
-    for (known, value) in knowns.iter().zip(values) {
-        let changed = match value.as_real() {
-            Some(x) => Value::real(known.of_type, x + 0.1 * x.abs().max(1.0)),
-            None => {
-                let mut values = others(known).into_iter().chain(known.start_of(0).cloned());
-                values.find(|other| !is_near(other, &value, 0.0))
-            }
-        };
+    let values = |known: &&Listed<'_>| run.setting(known);
+    let values: Vec<_> = knowns.iter().map(values).collect::<Result<_>>()?;
+    for (known, values) in knowns.iter().zip(values) {
+        let moved = values.iter().map(|value| {
+            let x = value.as_real()?;
+            Value::real(known.of_type, x + 0.1 * x.abs().max(1.0))
+        });
+        let changed = moved.collect::<Option<Vec<Value>>>().or_else(|| {
+            let mut all = others(known).into_iter().chain(starts(known));
+            all.find(|others| others.iter().zip(&values).any(|(a, b)| !is_near(a, b, 0.0)))
+        });
         let Some(changed) = changed else { continue };
-        let mut row = |value: &Value| -> Result<Row> {
-            run.set(known, std::slice::from_ref(value)).ok().context(SKIP)?;
+        let mut row = |values: &[Value]| -> Result<Row> {
+            run.set(known, values).ok().context(SKIP)?;
             unknowns.read(&mut run.instance).ok().context(SKIP)
         };
-        let (before, after, again) = (row(&value)?, row(&changed)?, row(&value)?);
+        let (before, after, again) = (row(&values)?, row(&changed)?, row(&values)?);
         for ((unknown, _), ((before, after), again)) in
             unknowns.elements().zip(before.iter().zip(&after).zip(&again))
         {
