@@ -50,7 +50,7 @@ def conformance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...
 
     def make(defect: str = "NO_DEFECT", kind: str = BOTH) -> Path:
         define = [f"DEFECT={defect}", *["WITHOUT_CANCEL_STEP"] * (defect == "MISSING_FUNCTION")]
-        return in_c(tmp_path / "Conformance.fmu", *define, xml=describe(kind))
+        return in_c(tmp_path / "Conformance.fmu", *define, xml=describe(kind), data="")
 
     return make
 

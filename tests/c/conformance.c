@@ -109,7 +109,7 @@ typedef struct {
     /* Used by defects only. */
     Data held;
     double *history;
-    int failed, keep_time, reads;
+    int failed, keep_time, reads, has_seen_nan;
 } Instance;
 
 typedef struct {
@@ -272,6 +272,7 @@ static double power_slope(const Data *d) {
 
 static double distort_y(Instance *c, const Data *d, double y) {
     if (HAS(NAN_OUTPUT) && d->now > d->start) return NAN;
+    if (HAS(NAN_OUTLIVES_RESET) && c->has_seen_nan) return y + 0.1;
     if (HAS(NAN_OUTPUT_LATE) && d->now > d->start + 1.5) return NAN;
     if (HAS(INFINITE_OUTPUT) && d->now > d->start + 0.5) return INFINITY;
     if (HAS(SECOND_THREAD_WRONG)) return y * thread_gain;
@@ -318,7 +319,7 @@ static int read_real(Instance *c, unsigned reference, double *value) {
     case DER_V: *value = rate[1]; break;
     case Y:
         if (HAS(OUTPUT_REFUSED)) return 0;
-        *value = distort_y(c, d, power(d) + u / 2);
+        *value = distort_y(c, d, power(d) + (HAS(FACTOR_NOT_CONSTANT) ? u * u / 4 + u / 2 : u / 2));
         break;
     case ENERGY:
         *value = d->x[1] * d->x[1] / 2 + d->stiffness * (1 - cos(d->x[0]));
@@ -489,6 +490,7 @@ EXPORT Instance *fmi2Instantiate(const char *name, int type, const char *guid, c
                               "the GUID is %s, expected %s", guid, GUID);
         return NULL;
     }
+    if (HAS(RESOURCE_PATH_NOT_DECODED) && resources && strchr(resources, '%')) return NULL;
     if (HAS(DEPENDS_ON_RESOURCE_PATH) && strlen(resources) == 0) return NULL;
     if (HAS(SECOND_INSTANCE_REFUSED) && instances_made) return NULL;
     if (HAS(SECOND_INSTANCE_ABORTS) && instances_made) abort();
@@ -616,6 +618,7 @@ EXPORT Status fmi2Reset(Instance *c) {
     ALLOWED_IN(c, ALIVE);
     if (HAS(RESET_REFUSED)) return ERROR;
     if (HAS(RESET_CRASHES)) crash();
+    if (HAS(LEAK_PER_RESET)) leak(1000);
     if (HAS(RESET_KEEPS_TIME) && c->now.data.now > 0) {
         double now = c->now.data.now;
         set_start_values(&c->now.data);
@@ -655,9 +658,11 @@ static const char *objection(const Instance *c, const Rule *rules, size_t rule_c
     if (HAS(CONSTANT_SETTABLE) && is_real && reference == G) return NULL;
     if (!is_settable(c, rule->class, is_real)) return "the variable cannot be set now";
     if (HAS(NAN_TAKEN)) return NULL;
+    if (HAS(NO_ITEM_TAKEN) && rules == integer_rules && reference == SHAPE - N) return NULL;
     if (HAS(HANG_ON_NAN) && isnan(value)) hang();
     if (HAS(ABORT_ON_NAN) && isnan(value)) abort();
     if (HAS(CRASH_ON_INF) && isinf(value)) crash();
+    if (isnan(value)) ((Instance *)c)->has_seen_nan = 1;
     if (!isfinite(value)) return "the value is not finite";
     if (value < rule->min || value > rule->max) return "the value is out of range";
     if (rules == integer_rules && reference == SHAPE - N && value == 3) return "there is no such item";
@@ -879,7 +884,7 @@ static int partial_derivative(const Instance *c, unsigned unknown, unsigned know
     case DER_X: *result = known == V; break;
     case DER_V:
         if (known == X) *result = -d->stiffness * cos(x);
-        if (HAS(WRONG_DIRECTIONAL_DERIVATIVE)
+        if (HAS(WRONG_DIRECTIONAL_DERIVATIVE) || (HAS(WRONG_DIRECTIONAL_DERIVATIVE_BELOW) && x < -0.5)
             || (HAS(WRONG_DIRECTIONAL_DERIVATIVE_LATE) && d->now > d->start + 0.5))
             *result = -*result;
         if (known == V) *result = -d->damping;
@@ -966,8 +971,10 @@ EXPORT Status fmi2GetRealOutputDerivatives(Instance *c, References references, s
         case SAMPLED: result = 0; break;
         default: REFUSE(c, "%s: %u is not a Real output", __func__, references[i]);
         }
-        int is_late = HAS(OUTPUT_DERIVATIVE_WRONG_LATE) && d->now > d->start + 0.5;
-        values[i] = HAS(OUTPUT_DERIVATIVE_WRONG) || is_late ? -result : result;
+        int is_wrong = HAS(OUTPUT_DERIVATIVE_WRONG)
+                       || (HAS(OUTPUT_DERIVATIVE_WRONG_LATE) && d->now > d->start + 0.5)
+                       || (HAS(OUTPUT_DERIVATIVE_WRONG_BELOW) && input(d, d->now) < -0.5);
+        values[i] = is_wrong ? -result : result;
     }
     return OK;
 }

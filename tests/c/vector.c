@@ -19,13 +19,14 @@ enum { OK, ERROR = 3, MOST = 8 };
 #define START_W 0
 #endif
 
-enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6, COUNT = 7, A = 8 };
+enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6, COUNT = 7, A = 8, BIG = 9 };
 
 typedef struct {
     uint64_t n;
     double w[MOST], c[MOST], a[MOST], time, u;
     bool is_running, is_late, event_mode;
     int steps, count;
+    int64_t big;
     void (*update)(void *, double, bool, bool, bool, bool, bool *, double *);
     void *environment;
 } Vector;
@@ -35,7 +36,7 @@ typedef const unsigned *References;
 static void restart(Vector *v) {
     const uint64_t n = v->n;
     (void)n;
-    const Vector start = {3, {START_W}, {1, 2, 3, 4, 5, 6, 7, 8}, {0}, 0, 0, false, false, v->event_mode, 0, 0, v->update, v->environment};
+    const Vector start = {3, {START_W}, {1, 2, 3, 4, 5, 6, 7, 8}, {0}, 0, 0, false, false, v->event_mode, 0, 0, 0, v->update, v->environment};
     const Vector old = *v;
     (void)old;
     *v = start;
@@ -122,6 +123,12 @@ int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, boo
 #elif defined EARLY
     *early = step > 2e-9;
     if (*early) *last = v->time = time + step / 2;
+#elif defined EARLY_ACROSS
+    *early = v->event_mode && step > 0.015;
+    if (*early) *last = v->time = time + step / 2;
+#elif defined BEYOND
+    *early = true;
+    *last = time + 1.5 * step;
 #elif defined EARLY_AT_END
     *early = true;
 #elif defined INTERMEDIATE
@@ -171,6 +178,9 @@ int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t cou
 
 int fmi3SetFloat64(Vector *v, References r, size_t n, const double *values, size_t count) {
     if (n == 0) return OK;
+#ifdef SET_LENGTHS
+    if (n == 1 && r[0] == C && count != v->n) return OK;
+#endif
     for (size_t i = 0; i < n; i++) {
         size_t size = r[i] == U ? 1 : v->n;
         if (count < size || (r[i] != U && r[i] != C && r[i] != A)) return ERROR;
@@ -213,6 +223,20 @@ int fmi3GetUInt64(Vector *v, References r, size_t n, uint64_t *values, size_t co
 int fmi3SetUInt64(Vector *v, References r, size_t n, const uint64_t *values, size_t count) {
     if (n != 1 || r[0] != N || count != 1 || *values < 1 || *values > MOST) return ERROR;
     return v->n = *values, OK;
+}
+
+int fmi3GetInt64(Vector *v, References r, size_t n, int64_t *values, size_t count) {
+    if (n != 1 || r[0] != BIG || count != 1) return ERROR;
+    return *values = v->big, OK;
+}
+
+int fmi3SetInt64(Vector *v, References r, size_t n, const int64_t *values, size_t count) {
+    if (n != 1 || r[0] != BIG || count != 1) return ERROR;
+#ifdef ROUNDED
+    return v->big = (int64_t)(double)*values, OK;
+#else
+    return v->big = *values, OK;
+#endif
 }
 
 int fmi3EnterConfigurationMode(Vector *v) { return v->is_running ? ERROR : OK; }
@@ -281,7 +305,6 @@ STUBS(Int16)
 STUBS(UInt16)
 STUB(SetInt32)
 STUBS(UInt32)
-STUBS(Int64)
 STUBS(Boolean)
 STUBS(String)
 STUBS(Binary)

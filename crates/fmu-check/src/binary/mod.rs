@@ -17,7 +17,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use fmu_description::xml::Element;
-use fmu_description::{Causality, Listed, ModelDescription, Type};
+use fmu_description::{Listed, ModelDescription, Type};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
@@ -736,10 +736,6 @@ fn untested(model: &ModelDescription<'_>) -> Vec<String> {
         ("clocks", variables().any(|v| v.of_type == Type::Clock)),
         ("Binaries", variables().any(|v| v.of_type == Type::Binary)),
         ("arrays of Strings", variables().any(|v| v.of_type == Type::String && is_array(v))),
-        (
-            "changes of array inputs",
-            variables().any(|v| v.causality == Causality::Input && is_array(v)),
-        ),
         ("derivatives of arrays", derives && variables().any(is_real)),
         (
             "intermediate updates of variables",

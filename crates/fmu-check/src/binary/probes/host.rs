@@ -14,9 +14,10 @@ use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Kind, Treatment, environment, fmi2, stray_messages};
 
-use super::runs::bytes;
+use super::runs::{bytes, reset_and_run};
+use crate::binary::FMU;
 use crate::binary::run::{Run, SKIP, Setup, Subject, check, lock, readable};
-use crate::binary::values::{is_tested, other};
+use crate::binary::values::{Difference, is_tested, other};
 use crate::rule::{Rule, rule};
 
 /// A GUID of another FMU.
@@ -88,6 +89,28 @@ pub fn no_resources(subject: &Subject<'_>) -> Result<()> {
     let setup = setup.with(|s| s.treatment = Treatment::NoResources);
     let _ = Run::begin(subject, setup);
     Ok(())
+}
+
+/// Passes a location of the resources with spaces and percent signs.
+pub fn resource_path(subject: &Subject<'_>) -> Result<()> {
+    const HOW: &str = "with resources in a folder whose name has spaces and percent signs";
+    let fmu = subject.task.session.join(FMU);
+    if fs::read_dir(fmu.join("resources"))?.next().is_none() {
+        return Ok(());
+    }
+    let expected = subject.usual()?;
+    let folder = tempfile::Builder::new().prefix("a b %20c ").tempdir_in(&subject.task.session)?;
+    // A link, so that what is beside the resources is found, too.
+    let link = folder.path().join(FMU);
+    #[cfg(unix)]
+    let linked = std::os::unix::fs::symlink(&fmu, &link);
+    #[cfg(windows)]
+    let linked = std::os::windows::fs::symlink_dir(&fmu, &link);
+    linked.ok().context(SKIP)?;
+    subject.report.stage(HOW);
+    let moved = subject.with_resources(&link.join("resources"))?;
+    let actual = Run::recorded(&moved, moved.setup())?;
+    (subject.observed).ensure_same(&actual, expected, subject.tolerance, [HOW, ""])
 }
 
 /// Overwrites the strings that were passed to `fmi2Instantiate`.
@@ -264,6 +287,13 @@ pub fn memory(subject: &Subject<'_>) -> Result<()> {
         before = after;
     }
     found(each, "step", " when the instance is freed");
+    let mut run = Run::begin(subject, subject.setup())?;
+    let grown = growth(subject, || {
+        run.instance.reset()?;
+        run.initialize()?;
+        run.advance_by(few)
+    })?;
+    found(grown, "fmi2Reset", "");
     if subject.claims("canGetAndSetFMUstate") {
         let mut run = Run::begin(subject, subject.setup())?;
         let mut state = run.instance.get_fmu_state()?;
@@ -334,6 +364,18 @@ pub fn debug_logging(subject: &Subject<'_>) -> Result<()> {
     let logged = lock(&subject.logged).ok - before;
     check!(subject, "logging-off": logged == 0,
         "messages with status fmi2OK after fmi2SetDebugLogging(false): {logged}, expected none");
+    // All of them include the others.
+    for name in names.iter().filter(|name| !name.as_bytes().ends_with(b"All")).take(5) {
+        let mut run = Run::begin(subject, subject.setup())?;
+        if run.instance.set_debug_logging(true, std::slice::from_ref(name)).is_ok() {
+            *lock(&subject.chosen) = Some(name.to_string_lossy().into_owned());
+            run.advance_by(subject.task.steps.min(20))?;
+            *lock(&subject.chosen) = None;
+        }
+    }
+    let unchosen = lock(&subject.logged).unchosen;
+    check!(subject, "log-categories": unchosen == 0,
+        "messages with status fmi2OK and a category that was not chosen: {unchosen}, expected none");
     let mut run = Run::begin(subject, subject.setup())?;
     subject.report.stage("with an unknown category");
     names.push(CString::from(c"no such category"));
@@ -491,6 +533,14 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
             refused.call(what, Run::stepped, |run| run.set(variable, &[value]))?;
         }
     }
+    for variable in subject.settable().filter(|v| v.of_type == Type::Enumeration) {
+        let items = variable.items().iter().map(|item| item.value);
+        let Some(value) = items.max().and_then(|last| last.checked_add(1)) else { continue };
+        let (name, values) =
+            (quote(&variable.name), vec![Value::Enumeration(value); variable.count()]);
+        let what = format!("setting {name} to {value}, which is the value of no item");
+        refused.call(what, Run::instantiate, |run| run.set(variable, &values))?;
+    }
     refused.report(rule!("settable"))
 }
 
@@ -576,6 +626,16 @@ pub fn array_lengths(subject: &Subject<'_>) -> Result<()> {
             refused.call(what, Run::begin, |run| run.read_elements(variable, wrong))?;
         }
     }
+    let is_number = |v: &&Listed<'_>| v.of_type != Type::String && !v.start.is_empty();
+    for variable in subject.settable().filter(is_number).take(8) {
+        let (n, name) = (variable.count(), quote(&variable.name));
+        for wrong in [n + 1, n - 1] {
+            let Some(start) = variable.start_of(0) else { continue };
+            let what = format!("setting {wrong} values of {name}, which has {n}");
+            let values = vec![start.clone(); wrong];
+            refused.call(what, Run::instantiate, |run| run.set(variable, &values))?;
+        }
+    }
     refused.report(rule!("array-lengths"))
 }
 
@@ -609,6 +669,31 @@ pub fn damaged_state(subject: &Subject<'_>) -> Result<()> {
         })?;
     }
     refused.report(rule!("damaged-state"))
+}
+
+/// Steps with NaN for each Real input in turn, of which nothing is left after a reset.
+pub fn nan(subject: &Subject<'_>) -> Result<()> {
+    with_inputs(subject, &[f64::NAN])?;
+    const HOW: &str = "after fmi2Reset of an instance that has received NaN";
+    let expected = subject.usual()?;
+    let mut run = Run::stepped(subject, subject.setup())?;
+    for input in subject.inputs.iter().map(|input| input.variable) {
+        if input.of_type == Type::Float64 {
+            let _ = run.set(input, &vec![Value::Float64(f64::NAN); input.count()]);
+        }
+    }
+    let _ = match subject.kind {
+        Kind::CoSimulation => run.do_step(1.0, 1.0).map(drop),
+        Kind::ModelExchange => run.derivatives().map(drop),
+    };
+    // Whether an instance can be reset after an error, another test finds.
+    ensure!(!subject.library.is_lost(), SKIP);
+    let Ok(actual) = reset_and_run(subject, HOW, run) else { return Ok(()) };
+    let how = [HOW, " as in a new instance"];
+    let differences = subject.observed.differences(&actual, expected, subject.tolerance, how);
+    let first = Difference::first(&differences);
+    check!(subject, "reset": first.is_none(), "{}", first.map_or("", |first| &first.text));
+    Ok(())
 }
 
 /// Steps with these values for each Real input in turn.

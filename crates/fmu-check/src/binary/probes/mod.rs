@@ -2,6 +2,7 @@
 
 mod host;
 mod interfaces;
+mod regions;
 mod runs;
 mod steps;
 mod values;
@@ -315,6 +316,8 @@ pub static OTHERS: &[Probe] = probes! {
     "state": "state", runs::restore, Quick, STATE;
     "serialized": "serialized-state", runs::serialize, Quick, STATE, BYTES;
     "directional": "directional-derivatives", values::derivatives_in_run, Quick, DIRECTIONAL;
+    "directional-elsewhere": "directional-derivatives", regions::derivatives, DIRECTIONAL;
+    "dependencies-kind": "dependencies-kind", regions::kinds;
     "directional-initial": "directional-derivatives", values::derivatives_in_initialization, DIRECTIONAL;
     "directional-unlisted": "directional-derivatives", values::unlisted_derivatives, Misuse, DIRECTIONAL;
     "input-derivatives": "input-derivatives", values::derivatives_of_inputs_in_time,
@@ -373,6 +376,7 @@ pub static OTHERS: &[Probe] = probes! {
     "null": "free-null", host::null, Own, Fmi2;
     "no-logger": "no-logger", host::no_logger, Own;
     "no-resources": "no-resource-location", host::no_resources, Own;
+    "resource-path": "resource-path", host::resource_path;
     "strings": "arguments-copied", host::short_lived_strings, Own;
     "format": "log-format", |s| host::with_text(s, "percent signs", "%s%s%n%s%s%n%s%s%n%d"), Own;
     "logging": "logging-off", host::logging;
@@ -381,7 +385,7 @@ pub static OTHERS: &[Probe] = probes! {
     "debug-logging": "runs", host::debug_logging, Misuse;
     "long": "long-texts", |s| host::with_text(s, "20000 characters", &"long".repeat(5000)), Own;
     "initial-outputs": "initial-outputs", values::initial_outputs, CoSimulation;
-    "nan": "survives-nan", |s| host::with_inputs(s, &[f64::NAN]), Own, Brief;
+    "nan": "survives-nan", host::nan, Own, Brief;
     "infinity": "survives-nan", |s| host::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
     "damaged-state": "damaged-state", host::damaged_state, Misuse, STATE, BYTES;
     "settable": "settable", host::settable, Misuse;
