@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability};
 
 use crate::component::initial;
-use crate::plan::{Link, Planned, Port, port};
+use crate::plan::{Link, Owners, Planned, Port};
 use crate::table::{self, Column, Series};
 use crate::wiring::{Ports, Store, Wired, number};
 use crate::{Fmu, Place, plan};
@@ -34,18 +34,28 @@ impl Input {
     ///
     /// # Errors
     /// The file cannot be read, a column is not an input that is free, or a row is invalid.
-    pub(crate) fn read(file: &Path, components: &[Planned], links: &[Link]) -> Result<Self> {
+    pub(crate) fn read(
+        file: &Path,
+        components: &[Planned],
+        owners: &Owners,
+        links: &[Link],
+    ) -> Result<Self> {
         let table = table::read_texts(file);
         let table = table.with_context(|| format!("cannot read {}", file.display()))?;
-        Self::new(&table, components, links).with_context(|| file.display().to_string())
+        Self::new(&table, components, owners, links).with_context(|| file.display().to_string())
     }
 
-    fn new(table: &[Series], components: &[Planned], links: &[Link]) -> Result<Self> {
+    fn new(
+        table: &[Series],
+        components: &[Planned],
+        owners: &Owners,
+        links: &[Link],
+    ) -> Result<Self> {
         let times = table::times(table)?;
         let mut taken: HashSet<Port> = links.iter().map(|link| link.to).collect();
         let columns = table[1..].iter().map(|series| {
             let name = &series.name;
-            let port = port(components, name)?;
+            let port = owners.port(components, name)?;
             let fmu = &components[port.component].fmu;
             let variable = port.of(components);
             if let Some(reason) = fmu.unusable(port.scalar) {

@@ -26,6 +26,7 @@ pub struct Plan {
     pub columns: Vec<Column>,
     /// The times of a run.
     pub experiment: Experiment,
+    owners: Owners,
     pub(crate) order: Order,
     pub(crate) links: Vec<Link>,
     pub(crate) input: Option<Input>,
@@ -89,12 +90,13 @@ impl Plan {
         if description.is_single {
             components[0].prefix.clear();
         }
+        let owners = Owners::new(&components);
         let link = |connection: &Connection| {
             let Connection { from, to, scale, faults } = connection;
             let mut all = faults.iter();
             let checked = all.try_for_each(|fault| fault.check(description.step));
             checked.with_context(|| format!("{from} -> {to}"))?;
-            let [from, to] = [port(&components, from)?, port(&components, to)?];
+            let [from, to] = [owners.port(&components, from)?, owners.port(&components, to)?];
             Ok(Link { from, to, scale: *scale, faults: faults.clone() })
         };
         let links = description.connections.iter().map(link);
@@ -110,10 +112,10 @@ impl Plan {
             no_algebraic_loops(&components, &links)?;
         }
         let input = description.input.as_deref();
-        let input = input.map(|file| Input::read(file, &components, &links));
+        let input = input.map(|file| Input::read(file, &components, &owners, &links));
         let input = input.transpose()?;
         let (recorded, names): (Vec<_>, Vec<_>) =
-            recorded(&components, &description.outputs)?.into_iter().unzip();
+            recorded(&components, &owners, &description.outputs)?.into_iter().unzip();
         let bounds = |port: &Port| {
             let Variable { min, max, .. } = port.of(&components);
             [min, max].map(|bound| bound.as_ref().map(number))
@@ -134,6 +136,7 @@ impl Plan {
             bounds: recorded.iter().map(bounds).collect(),
             input,
             components,
+            owners,
             links,
         })
     }
@@ -201,7 +204,8 @@ impl Plan {
     /// There is no such variable, the value has the wrong type, or another value replaces it.
     pub fn start(&self, name: &str, value: &Written) -> Result<Start> {
         let name = &*self.name_to_set(name);
-        let (component, own) = resolve(&self.components, name, |_, own| Ok(own.to_owned()))?;
+        let (component, own) =
+            resolve(&self.components, &self.owners, name, |_, own| Ok(own.to_owned()))?;
         let fmu = &self.components[component].fmu;
         let assigned = assigned(fmu, &own, name, value)?.into_iter();
         let values = assigned.map(|Assigned { scalar, name, value }| {
@@ -235,7 +239,7 @@ impl Plan {
     fn name_to_set<'a>(&self, name: &'a str) -> Cow<'a, str> {
         let quoted = name.strip_prefix('\'').and_then(|rest| rest.split_once("'."));
         match quoted {
-            Some((component, variable)) if port(&self.components, name).is_err() => {
+            Some((component, variable)) if self.owners.port(&self.components, name).is_err() => {
                 format!("{component}.{variable}").into()
             }
             _ => name.into(),
@@ -244,7 +248,7 @@ impl Plan {
 
     /// Whether a variable, `component.variable`, is a structural parameter.
     fn is_structural(&self, name: &str) -> bool {
-        let port = port(&self.components, &self.name_to_set(name));
+        let port = self.owners.port(&self.components, &self.name_to_set(name));
         let causality = port.map(|port| port.of(&self.components).causality);
         causality.is_ok_and(|causality| causality == Causality::StructuralParameter)
     }
@@ -477,20 +481,36 @@ fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value>
     value.typed(variable, name)
 }
 
-/// Finds `component.variable`, or the variable of a single FMU.
-pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
-    let (component, scalar) = resolve(components, name, Fmu::find)?;
-    Ok(Port { component, scalar })
+/// The indices of the components by what the names of their variables begin with.
+pub(crate) struct Owners(HashMap<String, usize>);
+
+impl Owners {
+    fn new(components: &[Planned]) -> Self {
+        let prefixes = components.iter().map(|component| component.prefix.clone());
+        Self(prefixes.zip(0..).collect())
+    }
+
+    /// The component of a name; of several, the one with the longest name.
+    fn find(&self, name: &str) -> Option<usize> {
+        let mut ends = name.rmatch_indices('.').map(|(dot, _)| dot + 1).chain([0]);
+        ends.find_map(|end| self.0.get(&name[..end]).copied())
+    }
+
+    /// Finds `component.variable`, or the variable of a single FMU.
+    pub(crate) fn port(&self, components: &[Planned], name: &str) -> Result<Port> {
+        let (component, scalar) = resolve(components, self, name, Fmu::find)?;
+        Ok(Port { component, scalar })
+    }
 }
 
 /// Finds the component of a name, and in its FMU what the name stands for.
 fn resolve<T>(
     components: &[Planned],
+    owners: &Owners,
     name: &str,
     find: impl Fn(&Fmu, &str) -> Result<T>,
 ) -> Result<(usize, T)> {
-    let owners = (0..components.len()).filter(|i| name.starts_with(&components[*i].prefix));
-    if let Some(index) = owners.max_by_key(|i| components[*i].prefix.len()) {
+    if let Some(index) = owners.find(name) {
         let Planned { prefix, fmu, .. } = &components[index];
         let found = find(fmu, &name[prefix.len()..]);
         let found = if prefix.is_empty() { found } else { found.with_context(|| name.to_owned()) };
@@ -525,7 +545,11 @@ fn tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
 }
 
 /// The recorded variables, and the names of their columns: a variable may be recorded by its name and aliases.
-fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<(Port, String)>> {
+fn recorded(
+    components: &[Planned],
+    owners: &Owners,
+    names: &[String],
+) -> Result<Vec<(Port, String)>> {
     if names.is_empty() {
         // Strings and Binaries only on request.
         let is_recorded = |port: &Port| {
@@ -539,7 +563,7 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<(Port, Strin
     }
     let (mut ports, mut found) = (Vec::new(), HashSet::new());
     for name in names {
-        let (component, scalars) = resolve(components, name, Fmu::find_all)?;
+        let (component, scalars) = resolve(components, owners, name, Fmu::find_all)?;
         let Planned { prefix, fmu, .. } = &components[component];
         for scalar in scalars {
             let port = Port { component, scalar };
