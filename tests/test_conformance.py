@@ -127,7 +127,7 @@ def test_another_solver_or_a_delay_is_no_defect(solver: str, tmp_path: Path) -> 
 
 
 def test_samples_in_a_wrong_order_are_found(tmp_path: Path) -> None:
-    """The slow samples of a step come before its fast ones; the solver is the same for all steps."""
+    """The slow samples of a step come before its fast ones; the solver has its own steps."""
     (found,) = by_rule(hybrid(tmp_path, "SLOW_FIRST"))["long-steps"]
     assert '"slow" at t = 0.5 s is 48, expected 49 as with steps of 0.01 s' in found
 

@@ -112,7 +112,8 @@ pub fn check(
         let session = unpack(text, archive, platform)?;
         let files = list(&session.path().join(FMU))?;
         let (mut ignored, mut about, mut seen) = (HashSet::new(), "", HashMap::new());
-        let (mut is_alone, mut untested, mut broken) = (false, untested(model), HashMap::new());
+        let (mut is_alone, mut untested, mut broken) =
+            (false, untested(model, probes.is_quick), HashMap::new());
         for ((element, binary), others) in binaries.iter().zip((1..=binaries.len() as u32).rev()) {
             let now = Instant::now();
             let mut checker = Checker {
@@ -407,7 +408,7 @@ impl Checker<'_> {
     /// there is one with which it runs.
     fn experiment(&mut self) -> Result<bool> {
         let strongest = if self.probes.is_quick { 2 } else { 0 };
-        for excitation in strongest..EXCITATIONS.len() {
+        for (excitation, strength) in EXCITATIONS.into_iter().enumerate().skip(strongest) {
             self.task.excitation = excitation;
             let outcome = self.test(Probe::named("experiment")?)?;
             if let Some(pace) = outcome.ran {
@@ -415,7 +416,7 @@ impl Checker<'_> {
                 self.longest = pace.longest;
                 let has_inputs = !values::inputs(self.model).is_empty();
                 if excitation > strongest && has_inputs {
-                    self.untested.push(match EXCITATIONS[excitation] {
+                    self.untested.push(match strength {
                         0.0 => "changes of inputs, which it refuses".into(),
                         _ => "larger changes of inputs, which it refuses".into(),
                     });
@@ -519,7 +520,7 @@ impl Checker<'_> {
                 self.left_out.push(probe.name);
             }
             for found in &outcome.found {
-                if found.is_crash || probe.is_misuse() || !self.is_seen_by_another(probe, found) {
+                if probe.is_misuse() || !self.is_seen_by_another(probe, found) {
                     self.add_once(found);
                 }
             }
@@ -557,10 +558,15 @@ impl Checker<'_> {
     }
 
     /// Adds what a test has found, unless it has the cause of something that is as severe.
-    fn add_once(&mut self, Found { rule, text, cause, .. }: &Found) {
-        let seen = self.seen.get(cause).copied();
-        if seen.is_none_or(|severity| severity < rule.severity) {
-            self.seen.insert(cause.clone(), rule.severity);
+    fn add_once(&mut self, Found { rule, text, cause, is_crash }: &Found) {
+        let is_seen = |cause: &str| self.seen.get(cause).is_some_and(|of| *of >= rule.severity);
+        // A crash that breaks a rule of its own has a cause of its own, unless the function crashes anyway.
+        let own = match *is_crash && !["survives", "survives-misuse"].contains(&rule.id) {
+            true => format!("{}: {cause}", rule.id),
+            false => cause.clone(),
+        };
+        if !is_seen(cause) && !is_seen(&own) {
+            self.seen.insert(own, rule.severity);
             self.add(rule, text.clone());
         }
     }
@@ -577,8 +583,10 @@ impl Checker<'_> {
             ("state", "separate-instances"),
             ("serialized-state", "separate-instances"),
         ];
+        /// Without them, most tests are not made, and the reason is told for each interface type.
+        const GATES: [&str; 2] = ["loads", "runs"];
         let (rule, test) = (found.rule.id, [self.about, probe.name]);
-        if rule != probe.rule.id {
+        if rule != probe.rule.id || GATES.contains(&rule) {
             return false;
         }
         let is_broken = |rule| self.broken.get(rule).is_some_and(|by| *by != test);
@@ -689,7 +697,7 @@ impl Checker<'_> {
         if let Some(line) = head.lines().find(|line| !line.trim().is_empty()) {
             let line = quote(line);
             let text = format!("the FMU printed {line}, expected that it logs by the callback");
-            let (rule, cause) = (rule!("prints"), text.clone());
+            let (rule, cause) = (rule!("prints"), "prints".to_owned());
             outcome.found.push(Found { rule, text, cause, is_crash: false });
         }
         Ok(outcome)
@@ -721,32 +729,34 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
     Ok(())
 }
 
-/// What no test can test of what an FMU offers.
-fn untested(model: &ModelDescription<'_>) -> Vec<String> {
-    let variables = || model.variables().map(|(_, v)| v);
-    let is_array = |v: &Listed<'_>| !v.dimensions.is_empty();
+/// What no test can test of what an FMU has. Quick tests leave out most of what it can do anyway.
+fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
+    let has = |test: fn(&Listed<'_>) -> bool| model.variables().any(|(_, v)| test(v));
     let interfaces = [model.co_simulation(), model.model_exchange()];
     let claims = |flag| {
         let mut all = interfaces.into_iter().flatten();
         all.any(|element| run::claims(element, flag, model.version))
     };
-    let is_real = |v: &Listed<'_>| v.of_type.is_float() && is_array(v);
     let derives = claims("providesDirectionalDerivative") || claims("providesAdjointDerivatives");
-    let parts = [
-        ("clocks", variables().any(|v| v.of_type == Type::Clock)),
-        ("Binaries", variables().any(|v| v.of_type == Type::Binary)),
-        ("arrays of Strings", variables().any(|v| v.of_type == Type::String && is_array(v))),
-        ("derivatives of arrays", derives && variables().any(is_real)),
+    let types = [
+        ("clocks", has(|v| v.of_type == Type::Clock)),
+        ("Binaries", has(|v| v.of_type == Type::Binary)),
+        ("arrays of Strings", has(|v| v.of_type == Type::String && !v.dimensions.is_empty())),
+        ("scheduled execution", model.root.child("ScheduledExecution").is_some()),
+    ];
+    let abilities = [
         (
-            "intermediate updates of variables",
-            variables().any(|v| v.element.is_true("intermediateUpdate")),
+            "derivatives of arrays",
+            derives && has(|v| v.of_type.is_float() && !v.dimensions.is_empty()),
         ),
+        ("variables in intermediate updates", has(|v| v.element.is_true("intermediateUpdate"))),
         ("fmi3EvaluateDiscreteStates", claims("providesEvaluateDiscreteStates")),
         ("dependencies of elements", claims("providesPerElementDependencies")),
         ("asynchronous steps", claims("canRunAsynchronuously")),
-        ("scheduled execution", model.root.child("ScheduledExecution").is_some()),
     ];
-    parts.iter().filter(|(_, is_there)| *is_there).map(|(part, _)| (*part).to_owned()).collect()
+    let abilities = abilities.iter().filter(|_| !is_quick);
+    let all = types.iter().chain(abilities).filter(|(_, is_there)| *is_there);
+    all.map(|(part, _)| (*part).to_owned()).collect()
 }
 
 /// The end of a message that quotes the message that the FMU logged last.

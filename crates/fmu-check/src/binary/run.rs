@@ -871,10 +871,12 @@ impl<'a> Run<'a> {
         let is_usual = (step - usual).abs() <= slack
             && self.subject.element.attribute("fixedInternalStepSize").is_none();
         let is_at_end = (last - end).abs() <= slack;
-        let is_right = match stepped.early_return {
-            true => last <= end + slack,
-            false => !is_usual || is_at_end,
-        };
+        self.expect(
+            rule!("last-successful-time"),
+            last <= end + slack || !stepped.early_return,
+            || "a step has returned early, but lastSuccessfulTime is after its end".into(),
+        );
+        let is_right = stepped.early_return || !is_usual || is_at_end;
         self.expect(rule!("last-successful-time"), is_right, || {
             format!("lastSuccessfulTime is {:.3e} s off the end of a step of {usual} s", last - end)
         });

@@ -3,12 +3,14 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use fmu_description::{Causality, Listed, Unknown, Value};
 use fmu_file::text::quote;
 use fmu_host::Kind;
 
-use super::values::{Known, MAX_INPUTS, compare_all, compare_slopes, in_run, state_pairs};
+use super::values::{
+    Known, MAX_INPUTS, OUTPUT_DERIVATIVES, compare_all, compare_slopes, in_run, state_pairs,
+};
 use crate::binary::run::{Run, Subject, is_refusal};
 use crate::binary::values::{real_range, references, starts, usual_change};
 
@@ -100,7 +102,7 @@ pub fn output_derivatives(subject: &Subject<'_>, outputs: &[&Listed<'_>]) -> Res
         }
         match compare_slopes(&mut run, outputs) {
             Err(error) if is_refusal(&error) => return Ok(()),
-            outcome => outcome?,
+            outcome => outcome.context(OUTPUT_DERIVATIVES)?,
         }
     }
     Ok(())
