@@ -47,6 +47,8 @@ pub(crate) trait AnyModel: Any {
     fn derivative(&self, unknown: u32, known: u32) -> f64;
     /// Checks that all Real outputs are finite.
     fn check_outputs(&mut self) -> Result<(), ModelError>;
+    /// A hash of the variables that cause an event by a new value, if the model is integrated and has any; else 0.
+    fn hash_of_switches(&mut self) -> u128;
     /// Integrates the equations over a step.
     fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
     /// What the author has written.
@@ -75,7 +77,6 @@ impl<M: Model, const N: usize> Bound<M, N> {
         is_integrated: M::IS_INTEGRATED,
         step: M::DEFAULT_EXPERIMENT.1,
         tolerance: M::TOLERANCE,
-        has_switches: Self::TABLES.has_switches,
         has_directional_derivatives: M::IS_CONTINUOUS
             && matches!(Self::TABLES.directional_derivatives, (true, false)),
         structural_parameters: Self::TABLES.structural_parameters,
@@ -363,6 +364,14 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
         }
     }
 
+    fn hash_of_switches(&mut self) -> u128 {
+        match M::IS_INTEGRATED && Self::TABLES.has_switches {
+            // SAFETY: the rows are those of the model.
+            true => unsafe { layout::hash_of_switches(self.memory(), M::ROWS) },
+            false => 0,
+        }
+    }
+
     fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {
         // The solver takes the steps of models without their own, and in event mode, which FMI 3.0 has, those of all
         // with equations. It is in no other library.
@@ -531,15 +540,6 @@ impl dyn AnyModel {
     /// event may mend what cannot be evaluated; if it does not, the next evaluation fails.
     pub(crate) fn evaluate_before_event(&mut self, time: f64) {
         let _ = self.behavior_mut().on_evaluate(time);
-    }
-
-    /// A hash of the variables that cause an event by a new value; 0 if there are none.
-    pub(crate) fn hash_of_switches(&mut self) -> u128 {
-        match self.facts().has_switches {
-            // SAFETY: the rows are those of the model.
-            true => unsafe { layout::hash_of_switches(self.memory(), self.facts().rows) },
-            false => 0,
-        }
     }
 
     /// The current states.

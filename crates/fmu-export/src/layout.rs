@@ -244,8 +244,6 @@ pub(crate) struct Facts {
     /// The step size of the default experiment (s), and the relative tolerance.
     pub(crate) step: f64,
     pub(crate) tolerance: f64,
-    /// Whether any variable causes an event by a new value.
-    pub(crate) has_switches: bool,
     pub(crate) has_directional_derivatives: bool,
     pub(crate) has_log: bool,
     /// Whether its state cannot be saved.
