@@ -583,7 +583,7 @@ impl Checker<'_> {
             ("state", "separate-instances"),
             ("serialized-state", "separate-instances"),
         ];
-        /// Without them, most tests are not made, and the reason is told for each interface type.
+        /// Without them, most tests are not made, and each interface type reports its own reason.
         const GATES: [&str; 2] = ["loads", "runs"];
         let (rule, test) = (found.rule.id, [self.about, probe.name]);
         if rule != probe.rule.id || GATES.contains(&rule) {

@@ -187,7 +187,7 @@ impl<'a> Pair<'a> {
         Ok((rows, is_event))
     }
 
-    /// The stop time that the FMU is told.
+    /// The stop time of the experiment, if the FMU gets one.
     fn stop(&self) -> Option<f64> {
         let subject = self.co_simulation;
         subject.stop.filter(|_| subject.all_steps() >= STEPS)
