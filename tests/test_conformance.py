@@ -229,8 +229,8 @@ def test_a_slow_fmu_does_not_hang(tmp_path: Path) -> None:
 
 
 CLOCK = (
-    '<Clock name="clock" valueReference="8" causality="input" intervalVariability="constant"'
-    ' intervalDecimal="0.1"/><Binary name="data" valueReference="9" causality="input">'
+    '<Clock name="clock" valueReference="20" causality="input" intervalVariability="constant"'
+    ' intervalDecimal="0.1"/><Binary name="data" valueReference="21" causality="input">'
     '<Start value="00"/></Binary>'
 )
 
