@@ -68,6 +68,17 @@ def test_one_instance_is_enough_if_the_fmu_allows_no_more(conformance: Callable[
     assert findings(write(fmu, {**files, "modelDescription.xml": text})) == []
 
 
+def test_memory_of_the_host_is_not_used_unless_the_xml_says_so(
+    conformance: Callable[..., Path],
+) -> None:
+    fmu = conformance(kind=CS)
+    files = read(fmu)
+    flags = b'canNotUseMemoryManagementFunctions="true" canSerializeFMUstate'
+    text = files["modelDescription.xml"].replace(b"canSerializeFMUstate", flags)
+    (found,) = findings(write(fmu, {**files, "modelDescription.xml": text}))
+    check([found], "warning", "but: calls of allocateMemory: 2, expected none")
+
+
 def test_parameters_may_exclude_each_other(conformance: Callable[..., Path]) -> None:
     assert findings(conformance("PARAMETERS_CLASH")) == []
 

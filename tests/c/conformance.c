@@ -1197,6 +1197,6 @@ EXPORT Status fmi2GetNominalsOfContinuousStates(Instance *c, double *nominals, s
     ALLOWED_IN(c, INSTANTIATED | INITIALIZATION | RUNNING | TERMINATED_PHASE);
     CHECK_STATES(c, nominals, n, 2);
     nominals[0] = HAS(NOMINAL_ZERO) ? 0 : HAS(NOMINAL_NEGATIVE) ? -1 : HAS(NOMINAL_NAN) ? NAN : 1;
-    nominals[1] = 2;
+    nominals[1] = HAS(NOMINAL_OTHER) ? 3 : 2;
     return OK;
 }

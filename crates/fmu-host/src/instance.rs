@@ -4,6 +4,7 @@
 use std::ffi::{CString, c_int, c_void};
 use std::ptr;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use fmi_abi::fmi2::*;
@@ -212,6 +213,20 @@ unsafe extern "C" {
     fn free(memory: *mut c_void);
 }
 
+/// How often FMUs have called `allocateMemory`.
+static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+
+unsafe extern "C" fn allocate(count: usize, size: usize) -> *mut c_void {
+    ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+    // SAFETY: it may be called with any arguments.
+    unsafe { calloc(count, size) }
+}
+
+/// How often FMUs have called `allocateMemory` in this process (FMI 2.0.5, section 2.1.5).
+pub fn allocations() -> usize {
+    ALLOCATIONS.load(Ordering::Relaxed)
+}
+
 /// The results of a step (FMI 3.0.2, section 4.2.1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stepped {
@@ -379,7 +394,7 @@ impl Instance {
         let callbacks = || {
             Box::into_raw(Box::new(fmi2CallbackFunctions {
                 logger,
-                allocateMemory: Some(calloc),
+                allocateMemory: Some(allocate),
                 freeMemory: Some(free),
                 stepFinished: None,
                 componentEnvironment: registered.environment(),

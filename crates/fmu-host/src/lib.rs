@@ -28,6 +28,7 @@ pub use fmi_abi::{Version, fmi2, fmi3};
 pub use function::Step;
 pub use instance::{
     Completed, Instance, Instantiation, Limits, Number, State, Stepped, Treatment, Update,
+    allocations,
 };
 pub use library::{Kind, Library, LoadError};
 pub use logger::{Logged, OnIntermediate, stray_messages};

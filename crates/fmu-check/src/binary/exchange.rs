@@ -21,6 +21,8 @@ pub struct Solver {
     derivatives: Vec<f64>,
     indicators: Vec<f64>,
     pub nominals: Vec<f64>,
+    /// Whether an event has changed them.
+    pub has_new_nominals: bool,
 }
 
 /// Why an integration has stopped.

@@ -754,6 +754,7 @@ impl<'a> Run<'a> {
             (self.place.next_event, self.place.handled) = (update.next_event, time);
             if nominals_changed {
                 self.read_nominals()?;
+                self.solver.has_new_nominals = true;
             }
             match self.setup.event_mode {
                 true => self.instance.enter_step_mode()?,

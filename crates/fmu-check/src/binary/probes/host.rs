@@ -91,6 +91,16 @@ pub fn no_resources(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
+/// Counts the memory that an FMU gets from the host, though it says that it does not.
+pub fn memory_functions(subject: &Subject<'_>) -> Result<()> {
+    let before = fmu_host::allocations();
+    let mut run = Run::begin(subject, subject.setup())?;
+    run.advance()?;
+    let calls = fmu_host::allocations() - before;
+    ensure!(calls == 0, "calls of allocateMemory: {calls}, expected none");
+    Ok(())
+}
+
 /// Passes a location of the resources with spaces and percent signs.
 pub fn resource_path(subject: &Subject<'_>) -> Result<()> {
     const HOW: &str = "with resources in a folder whose name has spaces and percent signs";

@@ -377,6 +377,7 @@ pub static OTHERS: &[Probe] = probes! {
     "no-logger": "no-logger", host::no_logger, Own;
     "no-resources": "no-resource-location", host::no_resources, Own;
     "resource-path": "resource-path", host::resource_path;
+    "memory-functions": "memory-functions", host::memory_functions, Fmi2, Claims("canNotUseMemoryManagementFunctions");
     "strings": "arguments-copied", host::short_lived_strings, Own;
     "format": "log-format", |s| host::with_text(s, "percent signs", "%s%s%n%s%s%n%s%s%n%d"), Own;
     "logging": "logging-off", host::logging;

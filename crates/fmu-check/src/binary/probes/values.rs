@@ -997,6 +997,12 @@ pub fn states(subject: &Subject<'_>) -> Result<()> {
     written(&mut run, "fmi2GetDerivatives", n, Instance::get_continuous_state_derivatives)?;
     written(&mut run, "fmi2GetEventIndicators", indicators, Instance::get_event_indicators)?;
     let Some((derivatives, states)) = state_pairs(subject) else { return Ok(()) };
+    for (state, nominal) in states.iter().zip(run.solver.nominals.clone()) {
+        let expected = state.value.real("nominal").unwrap_or(nominal);
+        check!(subject, "nominals":
+            run.solver.has_new_nominals || (nominal - expected).abs() <= 1e-6 * expected.abs(),
+            "the nominal value of {} is {nominal}, expected {expected} as in the XML", quote(&state.name));
+    }
     let (derivatives, states) = (references(&derivatives), references(&states));
     for _ in 0..subject.task.steps {
         for (function, given, expected) in [
