@@ -155,7 +155,7 @@ impl Stage {
         }
     }
 
-    /// What is left of a value in step `k` at a time. `rounding` is how far times may be apart.
+    /// The value that arrives in step `k` at a time. `rounding` is how far times may be apart.
     fn pass(&mut self, value: f64, k: u64, time: f64, rounding: f64) -> f64 {
         if k == 0 {
             self.memory.fill(value);

@@ -84,7 +84,7 @@ fn counts(columns: &[Column]) -> [usize; 2] {
     [reals, columns.len() - reals]
 }
 
-/// What is left of a run that has reached its end.
+/// A run that has reached its end, besides its rows.
 #[derive(Debug)]
 pub struct Finished {
     /// The messages of the FMUs.
