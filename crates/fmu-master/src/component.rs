@@ -76,7 +76,7 @@ impl<'a> Component<'a> {
                 version: fmu.version,
             },
             exchange: None,
-            do_step: Function::of(fmu.version, "do_step"),
+            do_step: Function::performing(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
             fmu: fmu.clone(),
@@ -91,7 +91,7 @@ impl<'a> Component<'a> {
         what: impl Display,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Called {
-        self.calling.calls.begin(Function::of(self.fmu.version, operation));
+        self.calling.calls.begin(Function::performing(self.fmu.version, operation));
         let outcome = call(&mut self.calling.instance);
         self.explain(outcome, || what.to_string())
     }
@@ -186,7 +186,7 @@ impl<'a> Component<'a> {
         }
         // The communication point tells calls of a plain system apart.
         match PLAIN {
-            true => self.calling.calls.go_on(self.do_step),
+            true => self.calling.calls.continue_call(self.do_step),
             false => self.calling.calls.begin(self.do_step),
         }
         match self.calling.instance.do_step_quickly(time, step) {
@@ -220,7 +220,7 @@ impl<'a> Component<'a> {
     ) -> Called {
         let Calling { instance, calls, .. } = &mut self.calling;
         let functions = [self.set, self.do_step, self.get];
-        let begin = |call: usize| calls.go_on(functions[call]);
+        let begin = |call: usize| calls.continue_call(functions[call]);
         let inputs = COPIED.then_some(&*self.reals);
         match instance.cycle(inputs, time, step, &mut outputs.reals, begin) {
             (3, None) => Ok(()),
@@ -317,7 +317,7 @@ impl<'a> Component<'a> {
     /// Reads its outputs, each once; if the system is `PLAIN`, all are Float64 and need not be distributed.
     #[inline(always)]
     pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> Called {
-        self.calling.calls.go_on(self.get);
+        self.calling.calls.continue_call(self.get);
         if let Some(outcome) = self.calling.instance.get_at_step(&mut outputs.reals) {
             self.explain_reading(*outcome, &self.ports[0].outputs)?;
         }
@@ -377,7 +377,7 @@ impl<'a> Component<'a> {
             values = &self.reals;
         }
         if self.set.is_some() {
-            self.calling.calls.go_on(self.set);
+            self.calling.calls.continue_call(self.set);
             if let Some(outcome) = self.calling.instance.set_at_step(values) {
                 self.explain_writing_reals(*outcome, outputs)?;
             }
@@ -500,7 +500,7 @@ impl<'a> Component<'a> {
 impl Drop for Component<'_> {
     /// Records that the FMU is about to be called; the field `calling` frees it.
     fn drop(&mut self) {
-        self.calling.calls.begin(Function::of(self.fmu.version, "free_instance"));
+        self.calling.calls.begin(Function::performing(self.fmu.version, "free_instance"));
     }
 }
 

@@ -89,7 +89,7 @@ pub(crate) type Functions = [Option<Function>; OPERATIONS.len()];
 pub(crate) fn functions(version: FmiVersion) -> &'static Functions {
     static ALL: LazyLock<[Functions; 2]> = LazyLock::new(|| {
         [FmiVersion::Fmi2, FmiVersion::Fmi3]
-            .map(|version| OPERATIONS.map(|operation| Function::of(version, operation)))
+            .map(|version| OPERATIONS.map(|operation| Function::performing(version, operation)))
     });
     match version {
         FmiVersion::Fmi2 => &ALL[0],

@@ -51,12 +51,12 @@ impl Failure {
         components: &[(String, String)],
         outcome: &str,
     ) -> Option<Self> {
-        let now = record.now();
-        let (function, operation) = (now.function?.name()?, now.function?.operation()?);
-        let (component, fmu) = components.get(now.component).cloned().unwrap_or_default();
-        let message = match now.message.as_str() {
+        let last = record.snapshot();
+        let (function, operation) = (last.function?.name()?, last.function?.operation()?);
+        let (component, fmu) = components.get(last.component).cloned().unwrap_or_default();
+        let message = match last.message.as_str() {
             "" => None,
-            text if now.is_message_of_call => Some(text.to_owned()),
+            text if last.is_message_of_call => Some(text.to_owned()),
             text => Some(format!("the last log message, of an earlier call, is {text:?}")),
         };
         Some(Self {
@@ -65,7 +65,7 @@ impl Failure {
             function,
             what: match operation {
                 "load" => "instantiation".to_owned(),
-                "do_step" => format!("step of {:?} s", now.step),
+                "do_step" => format!("step of {:?} s", last.step),
                 "terminate" | "free_instance" => "end".to_owned(),
                 "setup_experiment" | "enter_initialization_mode" | "exit_initialization_mode" => {
                     "initialization".to_owned()
@@ -75,7 +75,7 @@ impl Failure {
                 _ if operation.starts_with("get_") => "reading outputs".to_owned(),
                 _ => "setting inputs and parameters".to_owned(),
             },
-            time: now.time,
+            time: last.time,
             outcome: outcome.to_owned(),
             message,
             ended: None,

@@ -387,7 +387,7 @@ impl Fmu {
             reason.unwrap_or_else(|| "the FMU logged no reason".into())
         })?;
         if messages.only_problems() && !problems.is_empty() {
-            calls.begin(fmu_worker::Function::of(self.version, "set_debug_logging"));
+            calls.begin(fmu_worker::Function::performing(self.version, "set_debug_logging"));
             // An FMU that cannot do so goes on logging everything.
             let _ = instance.set_debug_logging(true, problems);
         }

@@ -222,7 +222,7 @@ pub fn supervise(worker: &mut Worker, file: Option<&Path>, watch: &Watch<'_>) ->
     let mut rows: Option<Rows> = None;
     let mut cancelled: Option<String> = None;
     loop {
-        let report = match worker.look()? {
+        let report = match worker.poll()? {
             Some(Event::Replied) => worker.reply()?,
             Some(Event::Ended(ended)) => {
                 let components = ready.map(|ready| ready.components).unwrap_or_default();

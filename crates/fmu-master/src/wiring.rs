@@ -334,7 +334,7 @@ impl Wiring {
 
 /// The function that gets or sets variables of a type.
 pub(crate) fn accessor(verb: &str, version: FmiVersion, kind: Type) -> Option<Function> {
-    Function::of(version, &operation(verb, kind))
+    Function::performing(version, &operation(verb, kind))
 }
 
 /// Scalars, and the variables with which they are got or set.

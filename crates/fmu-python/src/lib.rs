@@ -39,7 +39,7 @@ mod _native {
     #[pyfunction]
     fn work(py: Python<'_>) -> PyResult<()> {
         py.detach(|| {
-            let service = Service::of_this_process()?;
+            let service = Service::from_env()?;
             let mut service = service.ok_or_else(|| std::io::Error::other("not a worker"))?;
             job::work(&mut service)
         })

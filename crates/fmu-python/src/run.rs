@@ -371,7 +371,7 @@ fn in_worker(
     )?;
     // A run that failed may have left an FMU that must not be called again.
     let is_sound = keeps && !matches!(outcome, Outcome::Failed(_));
-    if is_sound && matches!(process.0.look(), Ok(None)) {
+    if is_sound && matches!(process.0.poll(), Ok(None)) {
         kept.worker = Some(process);
     }
     let mut done = done.into_inner();

@@ -71,7 +71,7 @@ impl Instance {
             Place::There(worker, _) => {
                 worker.send(&ask);
                 let answer = receive(py, worker, &self.names);
-                if answer.is_err() && matches!(worker.look(), Ok(Some(Event::Ended(_))) | Err(_)) {
+                if answer.is_err() && matches!(worker.poll(), Ok(Some(Event::Ended(_))) | Err(_)) {
                     *place = None;
                 }
                 answer
@@ -106,7 +106,7 @@ fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Answe
     py.detach(|| {
         let mut looked = Instant::now();
         loop {
-            match worker.look()? {
+            match worker.poll()? {
                 Some(Event::Replied) => {
                     return worker.reply::<Result<Answer, Failed>>()?.map_err(raised);
                 }

@@ -1,13 +1,12 @@
-//! Messages from one process to another, in memory that they share. What a foreign function prints cannot
-//! get in between, and what was sent before a crash arrives.
+//! Messages between supervisor and worker, in memory that both processes share. Nothing that a foreign function prints
+//! gets in between, and a message that was sent before a crash arrives.
 
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
 
 use fmu_host::SharedMemory;
-
-use crate::record::packed;
+use serde::Deserialize;
 
 /// The counters of the words that were sent and that were received since the beginning, each in a cache line
 /// of its own, so that the two processes do not wait for each other; then a ring of words. A message is its
@@ -21,6 +20,14 @@ pub(crate) const WORDS: usize = RING + CAPACITY as usize;
 /// A longer message is damaged.
 const MAX_BYTES: u64 = 1 << 30;
 
+/// The environment variables with the folder of a worker, and with the process that has started it.
+pub(crate) const FOLDER: &str = "FMU_WORKER";
+pub(crate) const SUPERVISOR: &str = "FMU_WORKER_SUPERVISOR";
+/// The files in this folder.
+pub(crate) const RECORD: &str = "record";
+pub(crate) const TASKS: &str = "tasks";
+pub(crate) const REPLIES: &str = "replies";
+
 /// Opens a file of this many words that another process has created.
 pub(crate) fn open(file: &Path, words: usize) -> io::Result<SharedMemory> {
     let memory = SharedMemory::open(file)?;
@@ -28,6 +35,19 @@ pub(crate) fn open(file: &Path, words: usize) -> io::Result<SharedMemory> {
         true => Ok(memory),
         false => Err(io::Error::other("it is not the folder of a worker")),
     }
+}
+
+/// Up to 8 bytes as a word.
+pub(crate) fn to_word(chunk: &[u8]) -> u64 {
+    let mut eight = [0; 8];
+    eight[..chunk.len()].copy_from_slice(chunk);
+    u64::from_le_bytes(eight)
+}
+
+/// Reads a message.
+pub(crate) fn decode<'a, T: Deserialize<'a>>(message: &'a [u8]) -> io::Result<T> {
+    postcard::from_bytes(message)
+        .map_err(|error| io::Error::other(format!("a damaged message: {error}")))
 }
 
 fn place(memory: &SharedMemory, number: u64) -> &AtomicU64 {
@@ -53,7 +73,7 @@ impl Sender {
         let counters = self.memory.words();
         let mut sent = counters[SENT].load(Relaxed);
         let length = std::iter::once(message.len() as u64);
-        for word in length.chain(message.chunks(8).map(packed)) {
+        for word in length.chain(message.chunks(8).map(to_word)) {
             while sent >= self.room {
                 self.room = counters[RECEIVED].load(Acquire) + CAPACITY;
                 if sent >= self.room {

@@ -2,7 +2,7 @@
 //! fill the memory.
 //!
 //! A supervisor starts its own program again as a [`Worker`] and sends it tasks. In the worker,
-//! [`Service::of_this_process`] receives the tasks and replies. Both are any types with `serde`. Before
+//! [`Service::from_env`] receives the tasks and replies. Both are any types with `serde`. Before
 //! each call of a foreign function, the worker notes it in a [`Record`]. All of this is in memory that the
 //! two processes share: when a worker has [`Ended`] early, because of a crash or a limit, the supervisor has
 //! all its replies and reads which call it was.
@@ -13,7 +13,7 @@
 //!
 //! use fmu_worker::{Event, Function, Limits, Service, Worker};
 //!
-//! if let Some(mut service) = Service::of_this_process()? {
+//! if let Some(mut service) = Service::from_env()? {
 //!     let mut calls = service.record().calls(0);
 //!     while let Some(number) = service.task::<u64>()? {
 //!         calls.begin(Function::named("fmi2DoStep"));
@@ -30,7 +30,7 @@
 //! worker.send(&12);
 //! match worker.wait()? {
 //!     Event::Replied => println!("{}", worker.reply::<u64>()?),
-//!     Event::Ended(ended) => println!("{:?} {ended}", worker.record().now().function),
+//!     Event::Ended(ended) => println!("{:?} {ended}", worker.record().snapshot().function),
 //! }
 //! # std::io::Result::Ok(())
 //! ```
@@ -38,10 +38,10 @@
 
 mod channel;
 mod record;
-mod service;
+mod supervisor;
 mod worker;
 
 pub use fmu_host::Owned;
-pub use record::{Call, Calls, Function, Moment, Record};
-pub use service::Service;
-pub use worker::{Ended, Event, Limits, SLOW, Worker, available_memory};
+pub use record::{Call, Calls, Function, Record, Snapshot};
+pub use supervisor::{Ended, Event, Limits, SLOW, Worker, available_memory};
+pub use worker::Service;

@@ -1,4 +1,5 @@
-//! What a process is doing, in memory that its supervisor can read even after a crash.
+//! The call that a worker process has in progress, in memory that its supervisor can read even after a crash: written
+//! by the worker, read by the supervisor.
 
 use std::collections::HashMap;
 use std::io;
@@ -25,9 +26,9 @@ pub struct Call {
     time: u64,
 }
 
-/// What a record says at one moment.
+/// The contents of a record at one moment.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Moment {
+pub struct Snapshot {
     /// The index of the component that is being called.
     pub component: usize,
     /// The function that is being called.
@@ -44,8 +45,8 @@ pub struct Moment {
     pub is_message_of_call: bool,
 }
 
-/// The word with the number of the call, the index of the component and the function. It and the next are the first
-/// ones, which are written without looking whether they exist.
+/// The word with the number of the call, the index of the component and the function. This word and the next are the
+/// first, which are written without a check that they exist.
 const CALL: usize = 0;
 /// The communication point (s), NaN before the initialization, and the communication step (s), as bits.
 const TIME: usize = 1;
@@ -72,20 +73,20 @@ const NOT_NUMBER: u64 = (1 << (FUNCTION_BITS + COMPONENT_BITS)) - 1;
 
 impl Default for Record {
     fn default() -> Self {
-        Self::of(SharedMemory::private(COUNT))
+        Self::new(SharedMemory::private(COUNT))
     }
 }
 
 impl Record {
     pub(crate) fn create(file: &Path) -> io::Result<Self> {
-        SharedMemory::create(file, COUNT).map(Self::of)
+        SharedMemory::create(file, COUNT).map(Self::new)
     }
 
     pub(crate) fn open(file: &Path) -> io::Result<Self> {
         channel::open(file, COUNT).map(Self)
     }
 
-    fn of(memory: SharedMemory) -> Self {
+    fn new(memory: SharedMemory) -> Self {
         let record = Self(memory);
         record.at(f64::NAN);
         record
@@ -165,10 +166,10 @@ impl Record {
         (!time.is_nan()).then_some(time)
     }
 
-    /// What the process is doing, or was doing when it ended.
-    pub fn now(&self) -> Moment {
+    /// The call, the stage and the message at this moment, or when the process ended.
+    pub fn snapshot(&self) -> Snapshot {
         let call = self.call();
-        Moment {
+        Snapshot {
             component: ((call.word & NOT_NUMBER) >> FUNCTION_BITS) as usize,
             function: function(call.word),
             time: self.time(),
@@ -183,7 +184,7 @@ impl Record {
     fn write(&self, place: usize, text: &str) {
         let bytes = &text.as_bytes()[..text.len().min(MAX_TEXT)];
         for (index, chunk) in bytes.chunks(8).enumerate() {
-            self.word(place + 1 + index).store(packed(chunk), Relaxed);
+            self.word(place + 1 + index).store(channel::to_word(chunk), Relaxed);
         }
         self.word(place).store(bytes.len() as u64, Relaxed);
     }
@@ -195,13 +196,6 @@ impl Record {
         let bytes = words.flat_map(|word| word.load(Relaxed).to_le_bytes());
         String::from_utf8_lossy(&Vec::from_iter(bytes.take(length))).into_owned()
     }
-}
-
-/// Up to 8 bytes as a word.
-pub(crate) fn packed(chunk: &[u8]) -> u64 {
-    let mut eight = [0; 8];
-    eight[..chunk.len()].copy_from_slice(chunk);
-    u64::from_le_bytes(eight)
 }
 
 /// The function of a word `CALL`.
@@ -219,7 +213,7 @@ impl Function {
     pub const LOADING: Self = Self(NonZeroU64::MIN);
 
     /// The function of a version that performs an operation, such as `get_float64`.
-    pub fn of(version: Version, operation: &str) -> Option<Self> {
+    pub fn performing(version: Version, operation: &str) -> Option<Self> {
         let before = Version::ALL.into_iter().take_while(|other| *other != version);
         let before = before.map(|other| other.functions().len()).sum::<usize>();
         let place =
@@ -272,13 +266,13 @@ impl Calls {
     #[inline]
     pub fn begin(&mut self, function: Option<Function>) {
         self.word = self.word.wrapping_add(NOT_NUMBER + 1);
-        self.go_on(function);
+        self.continue_call(function);
     }
 
     /// Records the call of a function that was not called at this communication point since [`Calls::begin`], with the
     /// number of that call.
     #[inline]
-    pub fn go_on(&self, function: Option<Function>) {
+    pub fn continue_call(&self, function: Option<Function>) {
         let word = self.word | function.map_or(0, |function| function.0.get());
         self.record.0.first()[CALL].store(word, Relaxed);
     }
@@ -292,25 +286,25 @@ mod tests {
     fn another_process_reads_the_call_the_time_the_stage_and_the_message() {
         let worker = Record::default();
         let supervisor = worker.clone();
-        assert_eq!((supervisor.now().function, supervisor.time()), (None, None));
+        assert_eq!((supervisor.snapshot().function, supervisor.time()), (None, None));
         worker.step(0.25);
         worker.stage("first");
         worker.calls(0).begin(Some(Function::LOADING));
         worker.log(&"é".repeat(2000));
-        let (call, first) = (supervisor.call(), supervisor.now());
+        let (call, first) = (supervisor.call(), supervisor.snapshot());
         assert_eq!((first.message.len(), first.is_message_of_call), (MAX_TEXT, true));
         worker.at(1.5);
-        let step = Function::of(Version::Fmi3, "do_step");
+        let step = Function::performing(Version::Fmi3, "do_step");
         worker.calls(1_000_000).begin(step);
         assert_ne!(supervisor.call(), call);
-        let second = Moment {
+        let second = Snapshot {
             component: 1_000_000,
             function: step,
             time: Some(1.5),
             is_message_of_call: false,
             ..first
         };
-        assert_eq!(supervisor.now(), second);
+        assert_eq!(supervisor.snapshot(), second);
         assert_eq!(step.and_then(Function::row), Some(("fmi3DoStep", "do_step")));
         worker.end_call();
         assert!(!supervisor.is_in_call());

@@ -60,7 +60,7 @@ fn results(file: &str) -> Result<PathBuf, &'static str> {
 /// # Errors
 /// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
 pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
-    if let Some(mut service) = Service::of_this_process()? {
+    if let Some(mut service) = Service::from_env()? {
         work(args, &mut service)?;
         return Ok(ExitCode::SUCCESS);
     }

@@ -70,7 +70,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
     let sandbox = args.limited.sandbox();
     let [system, fmus, input] = [&args.system, &args.fmus, &args.input].map(|path| path.as_deref());
     let open = || Study::open(&args.sweep, system, fmus, input, sandbox);
-    if let Some(mut service) = Service::of_this_process()? {
+    if let Some(mut service) = Service::from_env()? {
         open()?.work(&mut service)?;
         return Ok(ExitCode::SUCCESS);
     }

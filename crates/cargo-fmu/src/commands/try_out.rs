@@ -40,7 +40,7 @@ const PERIOD: Duration = Duration::from_millis(300);
 /// # Errors
 /// The models cannot be built, or as [`simulate::run`]; with `--watch`, such errors are only printed.
 pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
-    if let (Some(folder), Some(mut service)) = (&args.built, Service::of_this_process()?) {
+    if let (Some(folder), Some(mut service)) = (&args.built, Service::from_env()?) {
         args.simulation.use_fmus(folder);
         simulate::work(&args.simulation, &mut service)?;
         return Ok(ExitCode::SUCCESS);

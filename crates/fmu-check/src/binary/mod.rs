@@ -22,7 +22,7 @@ use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
 use fmu_host::Kind;
-use fmu_worker::{Ended, Event, Function, Limits, Moment, Worker, available_memory};
+use fmu_worker::{Ended, Event, Function, Limits, Snapshot, Worker, available_memory};
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
@@ -648,10 +648,10 @@ impl Checker<'_> {
                 },
             }
         };
-        let now = worker.record().now();
-        outcome.has_message = !now.message.is_empty();
+        let last = worker.record().snapshot();
+        outcome.has_message = !last.message.is_empty();
         // What happens before the stage that a test is about is none of its business.
-        let rule = match now.stage.is_empty() && !probe.is_misuse() {
+        let rule = match last.stage.is_empty() && !probe.is_misuse() {
             true => rule!("survives"),
             false => probe.crash(),
         };
@@ -667,8 +667,8 @@ impl Checker<'_> {
         }
         if !ended.is_empty() {
             let cause =
-                format!("{} {}", called(&now), if outcome.timed_out { "hangs" } else { &ended });
-            let text = unfinished(&now, &ended);
+                format!("{} {}", called(&last), if outcome.timed_out { "hangs" } else { &ended });
+            let text = unfinished(&last, &ended);
             /// A call that takes this part of the time limit may take all of it.
             const SLOW: f64 = 0.1;
             match outcome.timed_out && self.longest > SLOW * task.seconds as f64 {
@@ -770,23 +770,23 @@ fn logged(message: &str) -> String {
 }
 
 /// The call that did not return.
-fn called(now: &Moment) -> &'static str {
-    match now.function {
+fn called(last: &Snapshot) -> &'static str {
+    match last.function {
         Some(Function::LOADING) => "loading it",
         function => function.and_then(Function::name).unwrap_or("the test"),
     }
 }
 
 /// Describes the call that did not return, given how the process ended.
-fn unfinished(now: &Moment, ended: &str) -> String {
-    let call = called(now);
-    let stage = match now.stage.as_str() {
+fn unfinished(last: &Snapshot, ended: &str) -> String {
+    let call = called(last);
+    let stage = match last.stage.as_str() {
         stage if stage.is_empty() || stage.contains(call) => String::new(),
         stage => format!(", {stage},"),
     };
     let how = ended.replace(" and was killed", "");
-    let when = now.time.map(|time| format!(" at t = {time} s"));
-    let (when, logged) = (when.unwrap_or_default(), logged(&now.message));
+    let when = last.time.map(|time| format!(" at t = {time} s"));
+    let (when, logged) = (when.unwrap_or_default(), logged(&last.message));
     format!("{call}{stage} {how}{when}, expected it to return{logged}")
 }
 

@@ -83,13 +83,13 @@ impl Report {
 
     /// Reports the failure of a test, with its stage and the message logged last.
     pub fn fail(&self, rule: &Rule, text: &str) {
-        let (text, now) = (self.in_version(text), self.record.now());
-        let stage = match now.stage.as_str() {
+        let (text, last) = (self.in_version(text), self.record.snapshot());
+        let stage = match last.stage.as_str() {
             stage if text.contains(stage) => String::new(),
             stage => format!(" {stage}"),
         };
         // Once more in this version, it would be wrong.
-        let text = format!("{text}{stage}{}", logged(&now.message)).replace(['\n', '\r'], " ");
+        let text = format!("{text}{stage}{}", logged(&last.message)).replace(['\n', '\r'], " ");
         self.reply(&Reply::Found(rule.id.to_owned(), text));
     }
 

@@ -218,7 +218,7 @@ impl<T: Copy> Busy<T> {
         let mut answers = Vec::new();
         let mut end = None;
         while end.is_none()
-            && let Some(event) = self.worker.look()?
+            && let Some(event) = self.worker.poll()?
         {
             match event {
                 Event::Ended(how) => end = Some(End::Process(how)),

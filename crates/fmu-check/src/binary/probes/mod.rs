@@ -171,7 +171,7 @@ pub fn run() -> Result<()> {
         use rustix::process::{Resource, Rlimit, setrlimit};
         let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
     }
-    let service = Service::of_this_process()?;
+    let service = Service::from_env()?;
     let mut service = service.context("it is started by `validate` only")?;
     let task: Task = service.task()?.context("there is no test to run")?;
     let text = std::fs::read_to_string(task.session.join(MODEL_DESCRIPTION))?;
