@@ -7,7 +7,7 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-use fmu_host::{Instance, Instantiation, Library, Listed, Version};
+use fmu_host::{FmiVersion, Instance, Instantiation, Library, Listed};
 
 const STEP: f64 = 1e-3;
 
@@ -22,7 +22,7 @@ impl Subject {
         let [binary, token, input, output, amplitude] = words else {
             return Err("each FMU has five arguments".into());
         };
-        let library = Library::load(Path::new(binary), Version::Fmi3)?;
+        let library = Library::load(Path::new(binary), FmiVersion::Fmi3)?;
         let arguments = Instantiation { name: "it", guid: token, ..Instantiation::default() };
         let instance = library.instantiate(&arguments, |logged| eprintln!("{}", logged.text))?;
         let mut instance = instance.ok_or("it cannot be instantiated")?;

@@ -37,7 +37,7 @@ pub mod xml;
 pub use describe::{Description, Origin};
 #[cfg(feature = "xml")]
 pub use embedded::{erase_interfaces, read_interfaces};
-pub use fmi_abi::Version as FmiVersion;
+pub use fmi_abi::FmiVersion;
 pub use interface::{Interface, Overrides};
 #[cfg(feature = "xml")]
 pub use model::{Listed, ModelDescription, Unknown};

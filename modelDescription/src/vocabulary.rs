@@ -4,7 +4,7 @@ use std::ffi::CStr;
 
 use serde::{Deserialize, Serialize};
 
-use fmi_abi::Version as FmiVersion;
+use fmi_abi::FmiVersion;
 
 /// Defines enums whose variants are the keywords of an attribute or element.
 macro_rules! words {

@@ -17,7 +17,7 @@
 //!
 //! The first group of rows, `Free`, has the functions that have no instance, or are more than a call of one;
 //! all their arguments and results are listed. The other groups are named like the variants of
-//! [`Interface`]. Functions in them have an instance as first argument, which is not listed, and return a
+//! [`Group`]. Functions in them have an instance as first argument, which is not listed, and return a
 //! status. An argument is one of these:
 //!
 //! | in the row | means | in C |
@@ -61,7 +61,7 @@ macro_rules! define {
     (
         $instance:ident $status:ident
         Free { $($free:ident($($free_arg:ident: $free_kind:tt),*) $(-> $result:ty)? => $free_operation:ident;)* }
-        $($interface:ident {
+        $($group:ident {
             $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($states:ident)|+;)*
         })*
     ) => {
@@ -77,12 +77,12 @@ macro_rules! define {
         /// Each function that is a call of an instance, under its name.
         pub mod calls {
             use $crate::state::*;
-            use $crate::{Call, Interface};
+            use $crate::{Call, Group};
 
             $($(
                 pub const $name: Call = Call {
                     name: stringify!($name),
-                    interface: Interface::$interface,
+                    group: Group::$group,
                     states: $($states)|+,
                 };
             )*)*
@@ -100,13 +100,13 @@ pub(crate) use define;
 /// A version of FMI.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 #[allow(missing_docs, reason = "their names say it")]
-pub enum Version {
+pub enum FmiVersion {
     #[default]
     Fmi2,
     Fmi3,
 }
 
-impl Version {
+impl FmiVersion {
     /// All versions.
     pub const ALL: [Self; 2] = [Self::Fmi2, Self::Fmi3];
 
@@ -143,10 +143,36 @@ impl Version {
     }
 }
 
-/// The interface types that a function belongs to: what the standard also calls kinds of FMU.
+/// An interface type: how a host simulates an FMU. Scheduled execution, the third one of the standard, is not
+/// implemented.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
+pub enum InterfaceType {
+    /// The host integrates the equations of the FMU.
+    ModelExchange,
+    /// The FMU computes each step.
+    #[default]
+    CoSimulation,
+}
+
+impl InterfaceType {
+    /// Its name in the standard.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::ModelExchange => "model exchange",
+            Self::CoSimulation => "co-simulation",
+        }
+    }
+}
+
+/// A group of rows: the interface types that have its functions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names of the standard")]
-pub enum Interface {
+pub enum Group {
     All,
     ModelExchange,
     CoSimulation,
@@ -159,7 +185,7 @@ pub struct Call {
     /// Its name in C.
     pub name: &'static str,
     /// The interface types that have it.
-    pub interface: Interface,
+    pub group: Group,
     /// A set of states; see [`state`].
     pub states: u16,
 }
@@ -167,7 +193,7 @@ pub struct Call {
 impl Call {
     /// A function that no state forbids.
     const fn free(name: &'static str) -> Self {
-        Self { name, interface: Interface::All, states: u16::MAX }
+        Self { name, group: Group::All, states: u16::MAX }
     }
 
     /// Whether the function is allowed in a state.

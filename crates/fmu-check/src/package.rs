@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-use fmi_abi::{Interface, fmi3};
+use fmi_abi::{Group, fmi3};
 use fmu_description::xml::{self, Element};
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{self, Archive};
@@ -173,10 +173,10 @@ impl<'a> Files<'a> {
         let functions = fmi3::FUNCTIONS.iter().map(|(function, _)| function);
         let required = functions.filter(|function| {
             let instantiates = function.name.strip_prefix("fmi3Instantiate");
-            match (instantiates, function.interface) {
+            match (instantiates, function.group) {
                 (Some(interface), _) => is_of(interface),
-                (None, Interface::All) => true,
-                (None, interface) => is_of(&format!("{interface:?}")),
+                (None, Group::All) => true,
+                (None, group) => is_of(&format!("{group:?}")),
             }
         });
         for name in missing(&binary, required.map(|function| function.name)) {

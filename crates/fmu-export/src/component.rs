@@ -9,7 +9,7 @@ use std::rc::Rc;
 
 use dormand_prince::solver::{self, Advanced, Events, Workspace};
 use fmi_abi::state::State;
-use fmi_abi::{Call, Version};
+use fmi_abi::{Call, FmiVersion};
 use fmu_description::hash::checksum;
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{Loader, Saver, Variability};
@@ -35,7 +35,7 @@ pub(crate) enum Outcome {
 pub(crate) struct Edge {
     /// The version whose names of types are in messages. In FMI 2.0, a value reference addresses a scalar or
     /// an element of an array; otherwise a variable with all its elements.
-    pub(crate) version: Version,
+    pub(crate) version: FmiVersion,
     /// The functions that hosts call at every step.
     pub(crate) get_float64: Call,
     pub(crate) set_float64: Call,

@@ -2,7 +2,7 @@
 
 use std::ffi::CStr;
 
-use fmi_abi::Version;
+use fmi_abi::FmiVersion;
 use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
 use fmu_description::table::check;
@@ -118,7 +118,7 @@ impl Entry {
         name: Option<&CStr>,
         mode: Mode,
         guid: Option<&CStr>,
-        version: Version,
+        version: FmiVersion,
     ) -> Result<&'static Self, String> {
         if name.is_none_or(CStr::is_empty) {
             return Err("the instance name is missing".into());
@@ -127,8 +127,8 @@ impl Entry {
             return Err("the instance name is not UTF-8".into());
         }
         let what = match version {
-            Version::Fmi2 => "GUID",
-            Version::Fmi3 => "instantiation token",
+            FmiVersion::Fmi2 => "GUID",
+            FmiVersion::Fmi3 => "instantiation token",
         };
         let guid = guid.ok_or_else(|| format!("the {what} is missing"))?.to_string_lossy();
         let model = models.iter().find(|m| m.guid() == guid).ok_or_else(|| {

@@ -1,7 +1,7 @@
 //! The lifecycle of an instance, and the steps it may take.
 
 use fmi_abi::state::State;
-use fmi_abi::{Call, Interface};
+use fmi_abi::{Call, Group};
 use serde::{Deserialize, Serialize};
 
 use crate::clock::SampleClock;
@@ -49,14 +49,14 @@ impl Mode {
 
     /// Why an instance of this mode does not have a function; `None` if it does.
     pub(crate) fn lacks(self, call: &Call) -> Option<&'static str> {
-        match (call.interface, self) {
-            (Interface::CoSimulation, Self::ModelExchange) => {
+        match (call.group, self) {
+            (Group::CoSimulation, Self::ModelExchange) => {
                 Some("it is a function of co-simulation, but the instance is for model exchange")
             }
-            (Interface::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
+            (Group::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
                 Some("it is a function of model exchange, but the instance is for co-simulation")
             }
-            (Interface::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
+            (Group::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
                 Some("the instance was created without event mode: eventModeUsed was false")
             }
             _ => None,

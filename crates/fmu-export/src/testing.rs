@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use fmi_abi::fmi2::calls;
 use fmi_abi::state::State;
-use fmi_abi::{Call, Version};
+use fmi_abi::{Call, FmiVersion};
 use fmu_description::Causality;
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::table::Scalar;
@@ -23,7 +23,7 @@ use crate::model::{Kind, Model, ModelError, ensure};
 use crate::values::Given;
 
 static EDGE: Edge = Edge {
-    version: Version::Fmi2,
+    version: FmiVersion::Fmi2,
     get_float64: Call { name: "get", ..calls::fmi2GetReal },
     set_float64: Call { name: "set", ..calls::fmi2SetReal },
     do_step: Call { name: "step", ..calls::fmi2DoStep },

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fmt::Display;
 
-use fmi_abi::Version;
+use fmi_abi::FmiVersion;
 use fmi_abi::state::State;
 use fmu_description::table::{Bounds, Field, Scalar};
 use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
@@ -119,7 +119,7 @@ impl Component {
     /// Whether a value reference belongs to the independent variable, which comes after all others. FMI
     /// 2.0 has none.
     pub(crate) fn is_time(&self, reference: u32) -> bool {
-        self.shared.settings.edge.version == Version::Fmi3
+        self.shared.settings.edge.version == FmiVersion::Fmi3
             && reference as usize == self.model.facts().count
     }
 
@@ -128,7 +128,7 @@ impl Component {
         let (version, count) = (self.shared.settings.edge.version, self.model.facts().count);
         let scalar = self.model.find(reference).ok_or_else(|| unknown(count, reference))?;
         ensure!(
-            version == Version::Fmi3 || self.model.is_element(&scalar, reference),
+            version == FmiVersion::Fmi3 || self.model.is_element(&scalar, reference),
             "{} is not available in FMI 2.0, where the sizes of arrays are fixed",
             scalar.name()
         );
@@ -139,7 +139,7 @@ impl Component {
     /// The number of elements that are accessed by a value reference; `None` if it is unknown.
     pub(crate) fn count(&mut self, reference: u32) -> Option<usize> {
         match self.shared.settings.edge.version {
-            Version::Fmi3 if !self.is_time(reference) => self.model.elements(reference),
+            FmiVersion::Fmi3 if !self.is_time(reference) => self.model.elements(reference),
             _ => Some(1),
         }
     }
@@ -150,7 +150,7 @@ impl Component {
         references: &'a [u32],
         n: usize,
     ) -> Result<Cow<'a, [u32]>, ModelError> {
-        if self.shared.settings.edge.version == Version::Fmi2 {
+        if self.shared.settings.edge.version == FmiVersion::Fmi2 {
             return Ok(references.into());
         }
         let mut elements = Vec::with_capacity(n);
@@ -357,7 +357,7 @@ fn does_not_fit(scalar: &Scalar, value: Option<i128>) -> ModelError {
 pub(crate) fn check_type(
     scalar: &Scalar,
     of_type: Type,
-    version: Version,
+    version: FmiVersion,
 ) -> Result<(), ModelError> {
     let own = scalar.variable.start.of_type();
     let accessed = own.accessed_as(version).name(version);
@@ -367,7 +367,7 @@ pub(crate) fn check_type(
     }
     let name = scalar.name();
     match own {
-        Type::Binary if version == Version::Fmi2 => {
+        Type::Binary if version == FmiVersion::Fmi2 => {
             refused!("{name} is of type Binary, which is not available in FMI 2.0")
         }
         Type::Enumeration => {

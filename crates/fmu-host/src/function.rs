@@ -4,7 +4,7 @@ use std::ffi::c_void;
 use std::slice;
 use std::sync::Arc;
 
-use fmi_abi::Version;
+use fmi_abi::FmiVersion;
 use fmi_abi::fmi3::*;
 use fmu_description::Value;
 
@@ -34,7 +34,7 @@ impl Instance {
         step: Step,
         sink: impl Fn(Logged) + Send + Sync + 'static,
     ) -> Self {
-        let mut library = Library::new(Binary::Function, Version::Fmi3);
+        let mut library = Library::new(Binary::Function, FmiVersion::Fmi3);
         library.fmi3 = Functions {
             fmi3EnterInitializationMode: Some(enter_initialization_mode),
             fmi3ExitInitializationMode: Some(done),

@@ -9,11 +9,11 @@ use std::time::Duration;
 
 use fmi_abi::fmi2::*;
 use fmi_abi::fmi3::*;
-use fmi_abi::{Version, fmi2_functions, fmi3_functions};
+use fmi_abi::{FmiVersion, InterfaceType, fmi2_functions, fmi3_functions};
 
 #[cfg(feature = "sandbox")]
 use crate::library::Binary;
-use crate::library::{Kind, Library};
+use crate::library::Library;
 use crate::logger::{Logged, OnIntermediate, Registered, intermediate_update, log_3, logger, text};
 use crate::outcome::{Cause, Failure, Result, Success};
 use crate::quick::{Quick, Unusual};
@@ -23,8 +23,8 @@ use crate::quick::{Quick, Unusual};
 macro_rules! call {
     (both $instance:ident.$operation:ident $values:tt) => {
         match $instance.version {
-            Version::Fmi2 => Fmi2($instance).$operation $values,
-            Version::Fmi3 => Fmi3($instance).$operation $values,
+            FmiVersion::Fmi2 => Fmi2($instance).$operation $values,
+            FmiVersion::Fmi3 => Fmi3($instance).$operation $values,
         }
     };
     ($version:ident $instance:ident.$operation:ident $values:tt) => {
@@ -37,8 +37,8 @@ macro_rules! call {
 pub struct Instantiation<'a> {
     /// Name of the instance.
     pub name: &'a str,
-    /// Kind of the instance.
-    pub kind: Kind,
+    /// How the host simulates the instance.
+    pub interface_type: InterfaceType,
     /// The GUID of the model description, or the instantiation token of FMI 3.0.
     pub guid: &'a str,
     /// The location of the folder `resources`, as [`Library::location`] returns it.
@@ -94,10 +94,10 @@ impl Library {
         arguments: &Instantiation<'_>,
         sink: impl Fn(Logged) + Send + Sync + 'static,
     ) -> Result<Option<Instance>> {
-        let function = match (self.version, arguments.kind) {
-            (Version::Fmi2, _) => "fmi2Instantiate",
-            (Version::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
-            (Version::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
+        let function = match (self.version, arguments.interface_type) {
+            (FmiVersion::Fmi2, _) => "fmi2Instantiate",
+            (FmiVersion::Fmi3, InterfaceType::ModelExchange) => "fmi3InstantiateModelExchange",
+            (FmiVersion::Fmi3, InterfaceType::CoSimulation) => "fmi3InstantiateCoSimulation",
         };
         let given = [arguments.name, arguments.guid, arguments.resources];
         let terminated = |text| CString::new(text).map(CString::into_bytes_with_nul);
@@ -126,18 +126,18 @@ impl Library {
         // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
         // until it is freed, and the FMU copies the value references.
         let pointer = unsafe {
-            match (self.version, arguments.kind) {
-                (Version::Fmi2, kind) => {
+            match (self.version, arguments.interface_type) {
+                (FmiVersion::Fmi2, interface_type) => {
                     let instantiate = self.function(self.fmi2.fmi2Instantiate, function)?;
-                    let (kind, callbacks) = (kind as c_int, instance.callbacks());
+                    let (kind, callbacks) = (interface_type as c_int, instance.callbacks());
                     instantiate(name, kind, guid, resources, callbacks, 0, on.into())
                 }
-                (Version::Fmi3, Kind::ModelExchange) => {
+                (FmiVersion::Fmi3, InterfaceType::ModelExchange) => {
                     let found = self.fmi3.fmi3InstantiateModelExchange;
                     let instantiate = self.function(found, function)?;
                     instantiate(name, guid, resources, 0, on.into(), environment, log)
                 }
-                (Version::Fmi3, Kind::CoSimulation) => {
+                (FmiVersion::Fmi3, InterfaceType::CoSimulation) => {
                     let found = self.fmi3.fmi3InstantiateCoSimulation;
                     let instantiate = self.function(found, function)?;
                     instantiate(
@@ -172,7 +172,7 @@ pub struct Instance {
     pub(crate) library: Arc<Library>,
     /// What the version of FMI calls a component or an instance.
     pub(crate) pointer: fmi2Component,
-    pub(crate) version: Version,
+    pub(crate) version: FmiVersion,
     /// What is called instead, if the FMU is a WebAssembly component.
     #[cfg(feature = "sandbox")]
     pub(crate) component: Option<Box<crate::sandbox::Instance>>,
@@ -406,7 +406,7 @@ impl Instance {
             version: library.version(),
             #[cfg(feature = "sandbox")]
             component: None,
-            callbacks: (library.version() == Version::Fmi2).then(callbacks),
+            callbacks: (library.version() == FmiVersion::Fmi2).then(callbacks),
             experiment: Experiment::default(),
             is_saved: false,
             quick: Quick::NOTHING,
@@ -426,7 +426,7 @@ impl Instance {
     }
 
     /// Its version of FMI.
-    pub fn version(&self) -> Version {
+    pub fn version(&self) -> FmiVersion {
         self.version
     }
 
@@ -467,10 +467,10 @@ impl Instance {
         self.experiment = (flagged(tolerance), start, flagged(stop));
         let ((has_tolerance, tolerance), start, (has_stop, stop)) = self.experiment;
         match self.version {
-            Version::Fmi2 => {
+            FmiVersion::Fmi2 => {
                 Fmi2(self).setup_experiment(has_tolerance, tolerance, start, has_stop, stop)
             }
-            Version::Fmi3 => Ok(Success::Ok),
+            FmiVersion::Fmi3 => Ok(Success::Ok),
         }
     }
 
@@ -478,8 +478,8 @@ impl Instance {
     pub fn enter_initialization_mode(&mut self) -> Result {
         let ((has_tolerance, tolerance), start, (has_stop, stop)) = self.experiment;
         match self.version {
-            Version::Fmi2 => Fmi2(self).enter_initialization_mode(),
-            Version::Fmi3 => Fmi3(self).enter_initialization_mode(
+            FmiVersion::Fmi2 => Fmi2(self).enter_initialization_mode(),
+            FmiVersion::Fmi3 => Fmi3(self).enter_initialization_mode(
                 has_tolerance,
                 tolerance,
                 start,
@@ -492,7 +492,7 @@ impl Instance {
     /// `fmi2GetBoolean`, `fmi3GetBoolean`; as integers, since a foreign FMU may return values other than
     /// 0 and 1.
     pub fn get_boolean(&mut self, references: &[u32], values: &mut [fmi2Boolean]) -> Result {
-        if self.version == Version::Fmi2 {
+        if self.version == FmiVersion::Fmi2 {
             return Fmi2(self).get_boolean(references, values);
         }
         let mut bytes = vec![fmi3False; values.len()];
@@ -505,7 +505,7 @@ impl Instance {
 
     /// `fmi2SetBoolean`, `fmi3SetBoolean`; in FMI 3.0 every value but 0 is true.
     pub fn set_boolean(&mut self, references: &[u32], values: &[fmi2Boolean]) -> Result {
-        if self.version == Version::Fmi2 {
+        if self.version == FmiVersion::Fmi2 {
             return Fmi2(self).set_boolean(references, values);
         }
         let bytes: Vec<_> = values.iter().map(|v| fmi3Boolean::from(*v != 0)).collect();
@@ -567,8 +567,8 @@ impl Instance {
         let (library, i) = (&*self.library, self.pointer);
         let (none, out) = (ptr::null(), ptr::null_mut());
         let name = |get_2, get_3| match self.version {
-            Version::Fmi2 => get_2,
-            Version::Fmi3 => get_3,
+            FmiVersion::Fmi2 => get_2,
+            FmiVersion::Fmi3 => get_3,
         };
         let get = name("fmi2GetReal", "fmi3GetFloat64");
         let set = name("fmi2SetReal", "fmi3SetFloat64");
@@ -576,11 +576,11 @@ impl Instance {
         // SAFETY: the types follow the standard, which allows NULL for arrays without elements.
         let (got, was_set) = unsafe {
             match self.version {
-                Version::Fmi2 => (
+                FmiVersion::Fmi2 => (
                     library.function(fmi2.fmi2GetReal, get)?(i, ptr::null(), 0, out).0,
                     library.function(fmi2.fmi2SetReal, set)?(i, ptr::null(), 0, none).0,
                 ),
-                Version::Fmi3 => (
+                FmiVersion::Fmi3 => (
                     library.function(fmi3.fmi3GetFloat64, get)?(i, ptr::null(), 0, out, 0).0,
                     library.function(fmi3.fmi3SetFloat64, set)?(i, ptr::null(), 0, none, 0).0,
                 ),
@@ -667,13 +667,13 @@ impl Instance {
     pub fn step(&mut self, time: f64, step: f64, no_set_state: bool) -> Result<(Success, Stepped)> {
         let [mut event, mut terminate, mut early] = [fmi3False; 3];
         let mut last = match self.version {
-            Version::Fmi2 => time + step,
-            Version::Fmi3 => time,
+            FmiVersion::Fmi2 => time + step,
+            FmiVersion::Fmi3 => time,
         };
         let (of_event, of_end, of_early) = (&mut event, &mut terminate, &mut early);
         let done = match self.version {
-            Version::Fmi2 => Fmi2(self).do_step(time, step, no_set_state),
-            Version::Fmi3 => {
+            FmiVersion::Fmi2 => Fmi2(self).do_step(time, step, no_set_state),
+            FmiVersion::Fmi3 => {
                 let (flag, last) = (no_set_state, &mut last);
                 Fmi3(self).do_step(time, step, flag, of_event, of_end, of_early, last)
             }
@@ -704,7 +704,7 @@ impl Instance {
     /// `fmi2NewDiscreteStates`, `fmi3UpdateDiscreteStates`
     pub fn update_discrete_states(&mut self) -> Result<Update> {
         let ([again, terminate, nominals, states, is_defined], next) = match self.version {
-            Version::Fmi2 => {
+            FmiVersion::Fmi2 => {
                 let mut info = fmi2EventInfo {
                     newDiscreteStatesNeeded: UNWRITTEN,
                     terminateSimulation: UNWRITTEN,
@@ -723,7 +723,7 @@ impl Instance {
                 ];
                 (flags.map(flag), info.nextEventTime)
             }
-            Version::Fmi3 => {
+            FmiVersion::Fmi3 => {
                 let (mut flags, mut next) = ([UNWRITTEN as fmi3Boolean; 5], 0.0);
                 let [a, t, n, s, d] = &mut flags;
                 Fmi3(self).update_discrete_states(a, t, n, s, d, &mut next)?;
@@ -744,12 +744,12 @@ impl Instance {
     /// `fmi2CompletedIntegratorStep`, `fmi3CompletedIntegratorStep`
     pub fn completed_integrator_step(&mut self) -> Result<Completed> {
         let flags = match self.version {
-            Version::Fmi2 => {
+            FmiVersion::Fmi2 => {
                 let [mut event, mut terminate] = [UNWRITTEN; 2];
                 Fmi2(self).completed_integrator_step(true, &mut event, &mut terminate)?;
                 [event, terminate].map(flag)
             }
-            Version::Fmi3 => {
+            FmiVersion::Fmi3 => {
                 let [mut event, mut terminate] = [UNWRITTEN as fmi3Boolean; 2];
                 Fmi3(self).completed_integrator_step(true, &mut event, &mut terminate)?;
                 [event, terminate].map(|value| flag(value.cast_signed()))
@@ -832,7 +832,7 @@ macro_rules! method {
         #[inline($inline)]
         pub(crate) fn $op(self, $($param: $type),*) -> Result {
             let instance = self.0;
-            if instance.version != Version::$v {
+            if instance.version != FmiVersion::$v {
                 return Err(Failure::new(stringify!($name), Cause::OtherVersion));
             }
             #[cfg(feature = "sandbox")]

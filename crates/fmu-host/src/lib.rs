@@ -24,13 +24,13 @@ mod sandbox;
 mod shared_memory;
 
 pub use access::operation;
-pub use fmi_abi::{Version, fmi2, fmi3};
+pub use fmi_abi::{FmiVersion, InterfaceType, fmi2, fmi3};
 pub use function::Step;
 pub use instance::{
     Completed, Instance, Instantiation, Limits, Number, State, Stepped, Treatment, Update,
     allocations,
 };
-pub use library::{Kind, Library, LoadError};
+pub use library::{Library, LoadError};
 pub use logger::{Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use quick::{Listed, Unusual};

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{fmt, mem, ptr};
 
-use fmi_abi::{Interface, Version, fmi2, fmi2_functions, fmi3, fmi3_functions};
+use fmi_abi::{FmiVersion, Group, InterfaceType, fmi2, fmi2_functions, fmi3, fmi3_functions};
 
 use crate::logger::text;
 use crate::outcome::{Cause, Failure, Result, Status, Success};
@@ -16,20 +16,10 @@ use crate::resources::{resource_path, uri};
 #[cfg(feature = "sandbox")]
 use crate::sandbox::{self, Compiled};
 
-/// The two kinds of FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Kind {
-    /// The host integrates the model.
-    ModelExchange,
-    /// The FMU integrates the model.
-    #[default]
-    CoSimulation,
-}
-
 /// An FMU binary of one version of FMI, or a WebAssembly component. It is unloaded when neither the caller nor an instance uses it.
 pub struct Library {
     pub(crate) binary: Binary,
-    pub(crate) version: Version,
+    pub(crate) version: FmiVersion,
     /// Those of its version. All are empty if calls are traced, which then take the slow path, so that the
     /// fast path has no overhead.
     pub(crate) fmi2: fmi2::Functions,
@@ -111,12 +101,12 @@ impl Library {
     ///
     /// # Errors
     /// The dynamic loader's reason.
-    pub fn load(file: &Path, version: Version) -> std::result::Result<Arc<Self>, LoadError> {
+    pub fn load(file: &Path, version: FmiVersion) -> std::result::Result<Arc<Self>, LoadError> {
         let mut library = Self::new(open(file)?, version);
         let binary = &library.binary;
         match version {
-            Version::Fmi2 => library.fmi2 = fmi2_functions!(look_up! fmi2 binary),
-            Version::Fmi3 => library.fmi3 = fmi3_functions!(look_up! fmi3 binary),
+            FmiVersion::Fmi2 => library.fmi2 = fmi2_functions!(look_up! fmi2 binary),
+            FmiVersion::Fmi3 => library.fmi3 = fmi3_functions!(look_up! fmi3 binary),
         }
         Ok(Arc::new(library))
     }
@@ -128,7 +118,7 @@ impl Library {
     /// The dynamic loader's reason.
     pub fn load_traced(
         file: &Path,
-        version: Version,
+        version: FmiVersion,
         trace: impl Fn(&'static str) + Send + Sync + 'static,
     ) -> std::result::Result<Arc<Self>, LoadError> {
         trace("loading it");
@@ -136,7 +126,7 @@ impl Library {
         Ok(Arc::new(Self { trace: Some(trace), ..Self::new(open(file)?, version) }))
     }
 
-    pub(crate) fn new(binary: Binary, version: Version) -> Self {
+    pub(crate) fn new(binary: Binary, version: FmiVersion) -> Self {
         Self {
             binary,
             version,
@@ -148,32 +138,32 @@ impl Library {
     }
 
     /// Its version of FMI.
-    pub fn version(&self) -> Version {
+    pub fn version(&self) -> FmiVersion {
         self.version
     }
 
     /// The location of a folder of resources for [`Instantiation`](crate::Instantiation): a URI in FMI 2.0, a path in FMI 3.0.
     pub fn location(&self, resources: &Path) -> String {
         match self.version {
-            Version::Fmi2 => uri(resources),
-            Version::Fmi3 => resource_path(resources),
+            FmiVersion::Fmi2 => uri(resources),
+            FmiVersion::Fmi3 => resource_path(resources),
         }
     }
 
-    /// The functions required for an FMU of this kind that the binary does not have. A component that lacks one
+    /// The functions that an FMU of an interface type needs and the binary does not have. A component that lacks one
     /// cannot be instantiated.
-    pub fn missing(&self, kind: Kind) -> Vec<&'static str> {
+    pub fn missing(&self, interface_type: InterfaceType) -> Vec<&'static str> {
         #[cfg(feature = "sandbox")]
         if let Binary::Component(_) = &self.binary {
             return Vec::new();
         }
-        let own = match kind {
-            Kind::ModelExchange => Interface::ModelExchange,
-            Kind::CoSimulation => Interface::CoSimulation,
+        let own = match interface_type {
+            InterfaceType::ModelExchange => Group::ModelExchange,
+            InterfaceType::CoSimulation => Group::CoSimulation,
         };
         let functions = self.version.functions().iter().map(|(call, _)| call);
         functions
-            .filter(|call| call.interface == Interface::All || call.interface == own)
+            .filter(|call| call.group == Group::All || call.group == own)
             .map(|call| call.name)
             // SAFETY: the symbol is looked up but not used.
             .filter(|name| unsafe { self.binary.get::<*const c_void>(name) }.is_none())
@@ -281,11 +271,11 @@ impl Library {
         }
         let (fmi2, fmi3) = (&self.fmi2, &self.fmi3);
         let functions = match self.version {
-            Version::Fmi2 => vec![
+            FmiVersion::Fmi2 => vec![
                 ("fmi2GetVersion", fmi2.fmi2GetVersion),
                 ("fmi2GetTypesPlatform", fmi2.fmi2GetTypesPlatform),
             ],
-            Version::Fmi3 => vec![("fmi3GetVersion", fmi3.fmi3GetVersion)],
+            FmiVersion::Fmi3 => vec![("fmi3GetVersion", fmi3.fmi3GetVersion)],
         };
         let texts = functions.into_iter().map(|(name, found)| {
             // SAFETY: all functions that return a string have this type; a foreign binary is trusted to
@@ -314,8 +304,8 @@ impl Library {
     /// The function that frees an instance, which has the same type in both versions.
     pub(crate) fn free_function(&self) -> Result<unsafe extern "C" fn(*mut c_void)> {
         let (found, name) = match self.version {
-            Version::Fmi2 => (self.fmi2.fmi2FreeInstance, "fmi2FreeInstance"),
-            Version::Fmi3 => (self.fmi3.fmi3FreeInstance, "fmi3FreeInstance"),
+            FmiVersion::Fmi2 => (self.fmi2.fmi2FreeInstance, "fmi2FreeInstance"),
+            FmiVersion::Fmi3 => (self.fmi3.fmi3FreeInstance, "fmi3FreeInstance"),
         };
         // SAFETY: the type follows the standard.
         unsafe { self.function(found, name) }

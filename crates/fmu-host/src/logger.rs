@@ -11,7 +11,7 @@ use std::ptr;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use fmi_abi::Version;
+use fmi_abi::FmiVersion;
 use fmi_abi::fmi2::{fmi2CallbackLogger, fmi2ComponentEnvironment, fmi2String};
 use fmi_abi::fmi3::{fmi3Boolean, fmi3False, fmi3Float64, fmi3InstanceEnvironment, fmi3String};
 
@@ -125,7 +125,7 @@ pub(crate) unsafe extern "C" fn log_3(
         let (category, text) = unsafe { (text(category), text(message)) };
         Logged {
             instance: None,
-            status: Status::of(Version::Fmi3, status),
+            status: Status::of(FmiVersion::Fmi3, status),
             category,
             text: unescaped(&text.unwrap_or_default()),
         }

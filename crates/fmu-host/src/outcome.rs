@@ -3,7 +3,7 @@
 use std::ffi::c_int;
 use std::fmt;
 
-use fmi_abi::Version;
+use fmi_abi::FmiVersion;
 
 /// `fmi2Status` or `fmi3Status`, or another integer, as a foreign binary may return any value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,9 +21,9 @@ pub enum Status {
 
 impl Status {
     /// The status that a function of a version returned; FMI 3.0 does not have `Pending`.
-    pub(crate) fn of(version: Version, status: c_int) -> Self {
+    pub(crate) fn of(version: FmiVersion, status: c_int) -> Self {
         match (version, status.into()) {
-            (Version::Fmi3, Self::Pending) => Self::Unknown(status),
+            (FmiVersion::Fmi3, Self::Pending) => Self::Unknown(status),
             (_, status) => status,
         }
     }

@@ -4,7 +4,7 @@
 use std::ffi::c_int;
 use std::ops::Range;
 
-use fmi_abi::Version;
+use fmi_abi::FmiVersion;
 use fmi_abi::fmi2::{fmi2Component, fmi2Status};
 use fmi_abi::fmi3::{fmi3Instance, fmi3Status};
 
@@ -186,7 +186,7 @@ impl Instance {
                     unsafe { do_step(self.pointer, time, step, (!self.is_saved).into()).0 };
                 self.unusual(&["fmi2DoStep"; 2], status)
             }
-            (_, Version::Fmi3) => self.step_to_the_end(time, step),
+            (_, FmiVersion::Fmi3) => self.step_to_the_end(time, step),
             _ => {
                 let no_set_state = !self.is_saved;
                 slowly(Fmi2Instance(self).do_step(time, step, no_set_state))

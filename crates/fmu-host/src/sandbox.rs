@@ -18,14 +18,13 @@ use std::sync::{Once, OnceLock};
 use std::time::Duration;
 
 use fmi_abi::fmi3::*;
-use fmi_abi::fmi3_functions;
+use fmi_abi::{InterfaceType, fmi3_functions};
 use wasmtime::{Config, Engine, Module, ResourceLimiter, Store, Trap};
 
 use self::abi::{Answer, Fault, Given};
 use self::cycle::{Cycle, Cycling};
 use self::link::{Function, Linked, Parts};
 use crate::instance::{Instantiation, State as Saved, Treatment};
-use crate::library::Kind;
 use crate::logger::{self, Logged};
 use crate::outcome::{Cause, Failure, Result, Status};
 
@@ -191,9 +190,9 @@ impl Compiled {
         arguments: &Instantiation<'_>,
         callbacks: *mut c_void,
     ) -> Result<Option<Box<Instance>>> {
-        let function = match arguments.kind {
-            Kind::ModelExchange => "fmi3InstantiateModelExchange",
-            Kind::CoSimulation => "fmi3InstantiateCoSimulation",
+        let function = match arguments.interface_type {
+            InterfaceType::ModelExchange => "fmi3InstantiateModelExchange",
+            InterfaceType::CoSimulation => "fmi3InstantiateCoSimulation",
         };
         let data = Data {
             callbacks: callbacks.addr(),
@@ -241,7 +240,7 @@ impl Compiled {
         store: &mut Store<Data>,
         arguments: &Instantiation<'_>,
     ) -> std::result::Result<Option<Made>, Fault> {
-        let kind = name(arguments.kind);
+        let kind = name(arguments.interface_type);
         let linked = Linked::new(&self.parts, store)?;
         let interface = format!("{PACKAGE}/{kind}@3.0.0");
         let create = format!("[static]{kind}-instance.instantiate-{kind}");
@@ -264,7 +263,7 @@ impl Compiled {
         }
         given.extend([false.into(), logging_on.into()]);
         let mut more = "bool,bool";
-        if arguments.kind == Kind::CoSimulation {
+        if arguments.interface_type == InterfaceType::CoSimulation {
             more = "bool,bool,bool,bool,list<u32>";
             given.extend([event_mode_used.into(), early.into(), Given::list(variables)]);
         }
@@ -298,10 +297,10 @@ fn mistyped() -> wasmtime::Error {
 }
 
 const PACKAGE: &str = "fmi:fmi3";
-fn name(kind: Kind) -> &'static str {
-    match kind {
-        Kind::ModelExchange => "model-exchange",
-        Kind::CoSimulation => "co-simulation",
+fn name(interface_type: InterfaceType) -> &'static str {
+    match interface_type {
+        InterfaceType::ModelExchange => "model-exchange",
+        InterfaceType::CoSimulation => "co-simulation",
     }
 }
 

@@ -8,7 +8,8 @@ use std::sync::{Arc, Mutex};
 
 use fmu_description::{Type, Value};
 use fmu_host::{
-    Cause, Failure, Instance, Instantiation, Kind, Library, Logged, Status, Success, Version,
+    Cause, Failure, FmiVersion, Instance, Instantiation, InterfaceType, Library, Logged, Status,
+    Success,
 };
 use tempfile::TempDir;
 
@@ -29,7 +30,7 @@ fn compile() -> (TempDir, std::path::PathBuf) {
 
 fn library() -> Arc<Library> {
     let (_folder, file) = compile();
-    Library::load(&file, Version::Fmi3).unwrap()
+    Library::load(&file, FmiVersion::Fmi3).unwrap()
 }
 
 /// The arguments of an instance.
@@ -64,7 +65,7 @@ fn texts(log: &Log) -> Vec<String> {
 fn the_arguments_of_the_instantiation_reach_the_fmu() {
     let library = library();
     assert_eq!(library.location(Path::new("/tmp/resources")), "/tmp/resources/");
-    let of_model = Instantiation { kind: Kind::ModelExchange, ..arguments() };
+    let of_model = Instantiation { interface_type: InterfaceType::ModelExchange, ..arguments() };
     let used = Instantiation {
         event_mode_used: true,
         early_return_allowed: true,
@@ -73,7 +74,7 @@ fn the_arguments_of_the_instantiation_reach_the_fmu() {
     };
     let all = [arguments(), of_model, used].map(|arguments| {
         let (instance, log) = instantiate(&library, &arguments);
-        assert_eq!(instance.unwrap().version(), Version::Fmi3);
+        assert_eq!(instance.unwrap().version(), FmiVersion::Fmi3);
         texts(&log).concat()
     });
     let expected = [
@@ -105,7 +106,7 @@ fn a_library_is_unloaded_after_its_last_instance() {
         let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
         maps.contains(&*file.to_string_lossy())
     };
-    let library = Library::load(&file, Version::Fmi3).unwrap();
+    let library = Library::load(&file, FmiVersion::Fmi3).unwrap();
     let (instance, _log) = instantiate(&library, &arguments());
     drop(library);
     assert_eq!(is_loaded(), cfg!(target_os = "linux"));
@@ -118,7 +119,7 @@ fn the_trace_receives_each_function_before_it_is_called() {
     let (_folder, file) = compile();
     let calls = Arc::new(Mutex::new(Vec::new()));
     let trace = Arc::clone(&calls);
-    let library = Library::load_traced(&file, Version::Fmi3, move |name| {
+    let library = Library::load_traced(&file, FmiVersion::Fmi3, move |name| {
         trace.lock().unwrap().push(name);
     });
     let (instance, _log) = instantiate(&library.unwrap(), &arguments());
@@ -273,7 +274,7 @@ fn functions_of_the_other_version_and_missing_ones_fail_without_a_call() {
     assert_eq!(instance.reset(), Err(missing));
     let library = library();
     assert_eq!(library.texts().unwrap(), [("fmi3GetVersion", "3.0".into())]);
-    let missing = library.missing(Kind::CoSimulation);
+    let missing = library.missing(InterfaceType::CoSimulation);
     assert!(missing.contains(&"fmi3Reset") && !missing.contains(&"fmi3DoStep"));
     assert_eq!(library.free_null(), Ok(()));
 }
@@ -317,7 +318,7 @@ fn derivatives_are_those_of_all_elements() {
 
 #[test]
 fn results_that_the_fmu_has_not_written_are_known() {
-    let of_model = Instantiation { kind: Kind::ModelExchange, ..arguments() };
+    let of_model = Instantiation { interface_type: InterfaceType::ModelExchange, ..arguments() };
     let mut model = instantiate(&library(), &of_model).0.unwrap();
     let mut n = 0;
     model.get_number_of_continuous_states(&mut n).unwrap();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::{Causality, Type, Value};
-use fmu_host::{Cause, Instance, Kind, Listed, Status, Success, Unusual};
+use fmu_host::{Cause, Instance, InterfaceType, Listed, Status, Success, Unusual};
 use fmu_worker::Function;
 
 use crate::exchange::{self, Calling, Exchange, Trouble};
@@ -264,7 +264,7 @@ impl<'a> Component<'a> {
         tolerance: Option<f64>,
         times: (f64, f64),
     ) -> Called {
-        if self.fmu.kind == Kind::ModelExchange {
+        if self.fmu.interface_type == InterfaceType::ModelExchange {
             let (fmu, ports) = (self.fmu.clone(), self.ports);
             let begun = Exchange::begin(&mut self.calling, &fmu, ports, signals, tolerance, times);
             let begun =

@@ -9,8 +9,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use fmu_description::{Type, Value, Variable};
+use fmu_host::InterfaceType;
 use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use toml::de::{DeTable, DeValue, ValueDeserializer};
@@ -99,24 +101,16 @@ pub enum Order {
     Parallel,
 }
 
-/// How the master runs an FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Interface {
-    /// The FMU computes each step.
-    CoSimulation,
-    /// The equations of the FMU are integrated.
-    ModelExchange,
-}
-
-impl Interface {
-    /// Its name.
-    pub(crate) fn text(self) -> &'static str {
-        match self {
-            Self::CoSimulation => "co-simulation",
-            Self::ModelExchange => "model exchange",
-        }
-    }
+/// Reads an interface type from a command line.
+fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
+    let known = [
+        PossibleValue::new("co-simulation").help("The FMU computes each step"),
+        PossibleValue::new("model-exchange").help("The equations of the FMU are integrated"),
+    ];
+    PossibleValuesParser::new(known).map(|name| match &*name {
+        "model-exchange" => InterfaceType::ModelExchange,
+        _ => InterfaceType::CoSimulation,
+    })
 }
 
 /// An instance of an FMU.
@@ -128,7 +122,7 @@ pub struct Component {
     /// The FMU file, relative to the folder of the system file.
     pub fmu: PathBuf,
     /// How it is run; by default by co-simulation, if the FMU supports it.
-    pub interface: Option<Interface>,
+    pub interface: Option<InterfaceType>,
     /// Whether its outputs after a step belong to the sample taken at the start of the step; by
     /// default, true if all outputs are discrete.
     pub sampled: Option<bool>,
@@ -404,8 +398,8 @@ pub struct Changes {
     #[arg(long, value_name = "TOLERANCE")]
     pub tolerance: Option<f64>,
     /// How to run the FMUs [default: by co-simulation, if they support it]
-    #[arg(long)]
-    pub interface: Option<Interface>,
+    #[arg(long, value_parser = interface_type())]
+    pub interface: Option<InterfaceType>,
     /// Record all components after each step, or before it [default: after it if all outputs are discrete, except
     /// one FMU without a system file]
     #[arg(long)]

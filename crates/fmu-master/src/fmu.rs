@@ -14,10 +14,10 @@ use fmu_description::{
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
-use fmu_host::{Instance, Instantiation, Kind, Library, Limits, LoadError, Owned};
+use fmu_host::{Instance, Instantiation, InterfaceType, Library, Limits, LoadError, Owned};
 use tempfile::TempDir;
 
-use crate::{Function, Interface, Messages, Sandbox};
+use crate::{Function, Messages, Sandbox};
 
 /// An FMU for co-simulation or model exchange.
 pub struct Fmu {
@@ -44,7 +44,7 @@ pub struct Fmu {
     /// The step size of its default experiment (s).
     pub(crate) step: Option<f64>,
     /// How it is run.
-    pub(crate) kind: Kind,
+    pub(crate) interface_type: InterfaceType,
     /// In FMI 2.0, the number of continuous states and of event indicators.
     pub(crate) equations: [usize; 2],
     code: Code,
@@ -92,7 +92,7 @@ impl Fmu {
     /// The file is not a valid FMU of FMI 2.0 or 3.0 with this interface and a binary for this machine.
     pub(crate) fn open(
         path: &Path,
-        wanted: Option<Interface>,
+        wanted: Option<InterfaceType>,
         sizes: &Sizes,
         sandbox: Sandbox,
     ) -> Result<Self> {
@@ -102,7 +102,7 @@ impl Fmu {
 
     fn read(
         path: &Path,
-        wanted: Option<Interface>,
+        wanted: Option<InterfaceType>,
         sizes: &Sizes,
         sandbox: Sandbox,
     ) -> Result<Self> {
@@ -111,7 +111,7 @@ impl Fmu {
         let mut root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
         resize(&mut root, sizes);
         let model = ModelDescription::read(&root)?;
-        let (kind, interface) = interface(&model, wanted)?;
+        let (interface_type, interface) = interface(&model, wanted)?;
         let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
         let binary = binary(&archive, identifier, model.version, sandbox.is_required)?;
         let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
@@ -160,7 +160,7 @@ impl Fmu {
             units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
             tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
             step: model.experiment("stepSize").filter(|step| *step > 0.0),
-            kind,
+            interface_type,
             equations: [model.derivatives.len(), indicators],
             code: Code::Binary(Binary {
                 file: binary,
@@ -197,7 +197,7 @@ impl Fmu {
             units: Units::new(),
             tolerance: None,
             step: None,
-            kind: Kind::CoSimulation,
+            interface_type: InterfaceType::CoSimulation,
             equations: [0; 2],
             code: Code::Function(function.clone()),
             only_once: false,
@@ -366,7 +366,7 @@ impl Fmu {
         ensure!(!library.is_lost(), "it is unusable after a fatal error");
         let arguments = Instantiation {
             name,
-            kind: self.kind,
+            interface_type: self.interface_type,
             guid: token,
             resources,
             logging_on: true,
@@ -375,10 +375,10 @@ impl Fmu {
         };
         let (instance, log) = (name.to_owned(), messages.clone());
         let sink = move |logged| log.log(&instance, &logged);
-        let function = match (self.version, self.kind) {
+        let function = match (self.version, self.interface_type) {
             (FmiVersion::Fmi2, _) => "fmi2Instantiate",
-            (FmiVersion::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
-            (FmiVersion::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
+            (FmiVersion::Fmi3, InterfaceType::CoSimulation) => "fmi3InstantiateCoSimulation",
+            (FmiVersion::Fmi3, InterfaceType::ModelExchange) => "fmi3InstantiateModelExchange",
         };
         calls.begin(fmu_worker::Function::named(function));
         let instance = library.instantiate(&arguments, sink)?;
@@ -458,13 +458,16 @@ impl Declared {
 /// supports it.
 fn interface<'a>(
     model: &ModelDescription<'a>,
-    wanted: Option<Interface>,
-) -> Result<(Kind, &'a Element<'a>)> {
-    let of = |interface| match interface {
-        Interface::CoSimulation => Some((Kind::CoSimulation, model.co_simulation()?)),
-        Interface::ModelExchange => Some((Kind::ModelExchange, model.model_exchange()?)),
+    wanted: Option<InterfaceType>,
+) -> Result<(InterfaceType, &'a Element<'a>)> {
+    let of = |interface_type| {
+        let element = match interface_type {
+            InterfaceType::CoSimulation => model.co_simulation(),
+            InterfaceType::ModelExchange => model.model_exchange(),
+        };
+        Some((interface_type, element?))
     };
-    let all = [Interface::CoSimulation, Interface::ModelExchange];
+    let all = [InterfaceType::CoSimulation, InterfaceType::ModelExchange];
     let tried = match &wanted {
         Some(wanted) => std::slice::from_ref(wanted),
         None => &all,
@@ -472,14 +475,14 @@ fn interface<'a>(
     let Some(found) = tried.iter().find_map(|interface| of(*interface)) else {
         let other = match (all.into_iter().find(|i| of(*i).is_some()), model.scheduled_execution())
         {
-            (Some(other), _) => format!(", only {}", other.text()),
+            (Some(other), _) => format!(", only {}", other.as_str()),
             (None, Some(_)) => {
                 ", only scheduled execution, whose model partitions a host must activate by clocks"
                     .to_owned()
             }
             (None, None) => String::new(),
         };
-        let wanted = wanted.unwrap_or(Interface::CoSimulation).text();
+        let wanted = wanted.unwrap_or_default().as_str();
         bail!("it does not support {wanted}{other}");
     };
     let is_input_clock =

@@ -57,12 +57,13 @@ pub mod table;
 mod wiring;
 
 pub use description::{
-    Changes, Component, Connection, Description, Experiment, Interface, Order, Sandbox, Scale,
-    Written, is_fmu, locate,
+    Changes, Component, Connection, Description, Experiment, Order, Sandbox, Scale, Written,
+    is_fmu, locate,
 };
 pub use failure::{Call, Failure};
 pub use fault::Fault;
 pub use fmu::Fmu;
+pub use fmu_host::InterfaceType;
 pub use function::{Argument, Compute, Function, Signature};
 pub use messages::{Message, Messages};
 pub use plan::{Plan, Planned, Start};

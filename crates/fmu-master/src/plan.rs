@@ -7,15 +7,14 @@ use std::sync::Arc;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
-use fmu_host::Kind;
+use fmu_host::InterfaceType;
 
 use crate::fmu::{Sizes, similar};
 use crate::input::Input;
 use crate::table::Column;
 use crate::wiring::{Wiring, number, places};
 use crate::{
-    Component, Connection, Description, Experiment, Fault, Fmu, Interface, Order, Place, Scale,
-    Written,
+    Component, Connection, Description, Experiment, Fault, Fmu, Order, Place, Scale, Written,
 };
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
@@ -329,7 +328,7 @@ impl Port {
 }
 
 /// The opened FMUs by their files, interfaces and sizes.
-type Fmus = HashMap<(PathBuf, Option<Interface>, Sizes), Arc<Fmu>>;
+type Fmus = HashMap<(PathBuf, Option<InterfaceType>, Sizes), Arc<Fmu>>;
 
 impl Planned {
     fn new(component: &Component, system: &Description, fmus: &mut Fmus) -> Result<Self> {
@@ -370,7 +369,7 @@ impl Planned {
 
     /// Whether the master integrates its equations.
     pub(crate) fn integrates(&self) -> bool {
-        self.fmu.kind == Kind::ModelExchange
+        self.fmu.interface_type == InterfaceType::ModelExchange
     }
 
     /// The name of a scalar in the system.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Value, Variability, Variable};
-use fmu_host::{Instance, State};
+use fmu_host::{Instance, InterfaceType, State};
 use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use crate::exchange::Exchange;
 use crate::plan::{Assigned, Planned, assigned};
 use crate::run::Failed;
 use crate::wiring::{Wired, accessor};
-use crate::{Description, Interface, Messages, Plan, Written};
+use crate::{Description, Messages, Plan, Written};
 
 /// Which FMU to step, and how.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -26,7 +26,7 @@ pub struct Setup {
     /// The name of the instance; by default from the name of the file.
     pub name: Option<String>,
     /// How it is run; by default by co-simulation, if it supports that.
-    pub interface: Option<Interface>,
+    pub interface: Option<InterfaceType>,
     /// The start time (s).
     pub start: f64,
     /// The relative tolerance.

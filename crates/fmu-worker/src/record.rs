@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use fmi_abi::Version;
+use fmi_abi::FmiVersion;
 use fmu_host::SharedMemory;
 use serde::{Deserialize, Serialize};
 
@@ -213,8 +213,8 @@ impl Function {
     pub const LOADING: Self = Self(NonZeroU64::MIN);
 
     /// The function of a version that performs an operation, such as `get_float64`.
-    pub fn performing(version: Version, operation: &str) -> Option<Self> {
-        let before = Version::ALL.into_iter().take_while(|other| *other != version);
+    pub fn performing(version: FmiVersion, operation: &str) -> Option<Self> {
+        let before = FmiVersion::ALL.into_iter().take_while(|other| *other != version);
         let before = before.map(|other| other.functions().len()).sum::<usize>();
         let place =
             version.functions().iter().position(|(_, performed)| *performed == operation)?;
@@ -247,7 +247,7 @@ impl Function {
 
 /// The names of all functions, and the operations that they perform.
 fn functions() -> impl Iterator<Item = (&'static str, &'static str)> {
-    let rows = Version::ALL.into_iter().flat_map(Version::functions);
+    let rows = FmiVersion::ALL.into_iter().flat_map(FmiVersion::functions);
     let rows = rows.map(|(call, operation)| (call.name, *operation));
     [("loading the binary", "load")].into_iter().chain(rows)
 }
@@ -294,7 +294,7 @@ mod tests {
         let (call, first) = (supervisor.call(), supervisor.snapshot());
         assert_eq!((first.message.len(), first.is_message_of_call), (MAX_TEXT, true));
         worker.at(1.5);
-        let step = Function::performing(Version::Fmi3, "do_step");
+        let step = Function::performing(FmiVersion::Fmi3, "do_step");
         worker.calls(1_000_000).begin(step);
         assert_ne!(supervisor.call(), call);
         let second = Snapshot {

@@ -21,7 +21,7 @@ use fmu_description::{Listed, ModelDescription, Type};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
-use fmu_host::Kind;
+use fmu_host::InterfaceType;
 use fmu_worker::{Ended, Event, Function, Limits, Snapshot, Worker, available_memory};
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
@@ -209,10 +209,10 @@ struct Task {
 }
 
 impl Task {
-    fn kind(&self) -> Kind {
+    fn interface_type(&self) -> InterfaceType {
         match self.interface.as_str() {
-            "ModelExchange" => Kind::ModelExchange,
-            _ => Kind::CoSimulation,
+            "ModelExchange" => InterfaceType::ModelExchange,
+            _ => InterfaceType::CoSimulation,
         }
     }
 }

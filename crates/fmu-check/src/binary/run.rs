@@ -13,7 +13,9 @@ use fmu_description::{
     Causality, FmiVersion, Listed, ModelDescription, Type, Unknown, Value, Variability,
 };
 use fmu_file::text::quote;
-use fmu_host::{Cause, Failure, Instance, Instantiation, Kind, Library, Status, Treatment};
+use fmu_host::{
+    Cause, Failure, Instance, Instantiation, InterfaceType, Library, Status, Treatment,
+};
 use fmu_worker::{Calls, Function, Record, Service};
 
 use super::exchange::Solver;
@@ -50,17 +52,17 @@ pub const SKIP: &str = "the FMU refuses what it may refuse";
 /// Where findings and the progress of the test go.
 pub struct Report {
     version: FmiVersion,
-    kind: Kind,
+    interface_type: InterfaceType,
     record: Record,
     calls: Mutex<Calls>,
     service: Mutex<Service>,
 }
 
 impl Report {
-    pub fn new(service: Service, version: FmiVersion, kind: Kind) -> Self {
+    pub fn new(service: Service, version: FmiVersion, interface_type: InterfaceType) -> Self {
         Self {
             version,
-            kind,
+            interface_type,
             calls: service.record().calls(0).into(),
             record: service.record().clone(),
             service: service.into(),
@@ -99,7 +101,7 @@ impl Report {
 
     /// A text with the names of the functions that were called.
     fn in_version(&self, text: &str) -> String {
-        in_version(text, self.version, self.kind)
+        in_version(text, self.version, self.interface_type)
     }
 }
 
@@ -109,10 +111,10 @@ pub fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// The names of FMI 2.0 in a text, as they are in a version of FMI for a kind of instance. What is in quotes is the
 /// FMU's.
-fn in_version(text: &str, version: FmiVersion, kind: Kind) -> String {
-    let instantiate = match kind {
-        Kind::ModelExchange => "fmi3InstantiateModelExchange",
-        Kind::CoSimulation => "fmi3InstantiateCoSimulation",
+fn in_version(text: &str, version: FmiVersion, interface_type: InterfaceType) -> String {
+    let instantiate = match interface_type {
+        InterfaceType::ModelExchange => "fmi3InstantiateModelExchange",
+        InterfaceType::CoSimulation => "fmi3InstantiateCoSimulation",
     };
     let names: [[&str; 2]; 14] = [
         ["fmi2Instantiate", instantiate],
@@ -151,10 +153,10 @@ fn in_version(text: &str, version: FmiVersion, kind: Kind) -> String {
 #[test]
 fn names_of_functions_are_those_of_the_version_but_not_in_quotes() {
     let text = r#"fmi2SetReal for "fmi2\" and "a\"fmi2", fmi2Reset"#;
-    assert_eq!(in_version(text, FmiVersion::Fmi2, Kind::CoSimulation), text);
+    assert_eq!(in_version(text, FmiVersion::Fmi2, InterfaceType::CoSimulation), text);
     let expected = r#"fmi3SetFloat64 for "fmi2\" and "a\"fmi2", fmi3Reset"#;
-    assert_eq!(in_version(text, FmiVersion::Fmi3, Kind::CoSimulation), expected);
-    let of_exchange = in_version("fmi2Instantiate", FmiVersion::Fmi3, Kind::ModelExchange);
+    assert_eq!(in_version(text, FmiVersion::Fmi3, InterfaceType::CoSimulation), expected);
+    let of_exchange = in_version("fmi2Instantiate", FmiVersion::Fmi3, InterfaceType::ModelExchange);
     assert_eq!(of_exchange, "fmi3InstantiateModelExchange");
 }
 
@@ -163,7 +165,7 @@ pub struct Subject<'a> {
     pub task: &'a Task,
     pub model: &'a ModelDescription<'a>,
     pub library: &'a Arc<Library>,
-    pub kind: Kind,
+    pub interface_type: InterfaceType,
     pub element: &'a Element<'a>,
     resources: String,
     /// Of the default experiment: its start and its stop, if it has one, in s.
@@ -275,7 +277,7 @@ impl<'a> Subject<'a> {
             task,
             model,
             library,
-            kind: task.kind(),
+            interface_type: task.interface_type(),
             element: element.context("it is not of this kind")?,
             resources: library.location(&task.session.join(FMU).join("resources")),
             report,
@@ -312,7 +314,7 @@ impl<'a> Subject<'a> {
 
     /// The usual setup. FMUs with clocks need event mode (FMI 3.0.2, section 2.3.1).
     pub fn setup(&self) -> Setup<'static> {
-        let is_exchange = self.kind == Kind::ModelExchange;
+        let is_exchange = self.interface_type == InterfaceType::ModelExchange;
         Setup {
             name: "instance",
             logging: self.task.logging,
@@ -358,7 +360,7 @@ impl<'a> Subject<'a> {
         ensure!(!self.is_used.swap(true, Relaxed) || !self.is_alone(), SKIP);
         let arguments = Instantiation {
             name: setup.name,
-            kind: self.kind,
+            interface_type: self.interface_type,
             guid,
             resources: &self.resources,
             logging_on: setup.logging,
@@ -467,7 +469,7 @@ fn count(model: &ModelDescription<'_>, unknowns: &[Unknown<'_>]) -> usize {
 
 /// Whether an interface type declares a flag, named as in FMI 2.0.
 pub fn claims(element: &Element<'_>, flag: &str, version: FmiVersion) -> bool {
-    let flag = element.attribute(&in_version(flag, version, Kind::default()));
+    let flag = element.attribute(&in_version(flag, version, InterfaceType::default()));
     flag.and_then(boolean) == Some(true)
 }
 
@@ -622,7 +624,7 @@ impl<'a> Run<'a> {
         self.enter_initialization()?;
         self.set_inputs(|_| true)?;
         self.exit_initialization()?;
-        let is_exchange = self.subject.kind == Kind::ModelExchange;
+        let is_exchange = self.subject.interface_type == InterfaceType::ModelExchange;
         if is_exchange || self.setup.event_mode {
             self.iterate()?;
         }
@@ -685,9 +687,9 @@ impl<'a> Run<'a> {
 
     /// Number of continuous states that the host sees.
     pub fn states(&self) -> usize {
-        match self.subject.kind {
-            Kind::ModelExchange => self.subject.states,
-            Kind::CoSimulation => 0,
+        match self.subject.interface_type {
+            InterfaceType::ModelExchange => self.subject.states,
+            InterfaceType::CoSimulation => 0,
         }
     }
 
@@ -788,8 +790,8 @@ impl<'a> Run<'a> {
         }
         let (begin, step) = (self.time(), self.subject.step);
         self.subject.report.record.at(begin);
-        match self.subject.kind {
-            Kind::CoSimulation => {
+        match self.subject.interface_type {
+            InterfaceType::CoSimulation => {
                 // With event mode, discrete inputs are set at events only.
                 let event_mode = self.setup.event_mode;
                 self.set_inputs(|input| !event_mode || input.is_continuous())?;
@@ -799,7 +801,7 @@ impl<'a> Run<'a> {
                     passed += fraction;
                 }
             }
-            Kind::ModelExchange => self.integrate(begin, step)?,
+            InterfaceType::ModelExchange => self.integrate(begin, step)?,
         }
         self.place.point += 1;
         Ok(())

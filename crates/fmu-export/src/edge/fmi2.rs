@@ -13,7 +13,7 @@ use std::ffi::{CStr, c_int};
 
 pub use fmi_abi::fmi2::*;
 use fmi_abi::state::State;
-use fmi_abi::{Version, c_type, fmi2_functions};
+use fmi_abi::{FmiVersion, c_type, fmi2_functions};
 
 use super::{c_message, text};
 use crate::component::{Component, Edge, Outcome, Settings};
@@ -25,7 +25,7 @@ use crate::model::ModelError;
 use crate::resources;
 
 static EDGE: Edge = Edge {
-    version: Version::Fmi2,
+    version: FmiVersion::Fmi2,
     get_float64: calls::fmi2GetReal,
     set_float64: calls::fmi2SetReal,
     do_step: calls::fmi2DoStep,

@@ -18,7 +18,7 @@ use std::rc::Rc;
 
 pub use fmi_abi::fmi3::*;
 use fmi_abi::state::State;
-use fmi_abi::{Version, c_type, fmi3_functions};
+use fmi_abi::{FmiVersion, c_type, fmi3_functions};
 use fmu_description::{Type, Value};
 
 use super::{c_message, instantiate, text};
@@ -34,7 +34,7 @@ use crate::stepping::{Next, Results, Stepping};
 use crate::values::Given;
 
 pub(super) static EDGE: Edge = Edge {
-    version: Version::Fmi3,
+    version: FmiVersion::Fmi3,
     get_float64: calls::fmi3GetFloat64,
     set_float64: calls::fmi3SetFloat64,
     do_step: calls::fmi3DoStep,

@@ -8,7 +8,7 @@ use std::ptr::{null, null_mut};
 use std::sync::Once;
 
 use fmu_description::Type;
-pub use fmu_export::abi::Version::{self, Fmi2, Fmi3};
+pub use fmu_export::abi::FmiVersion::{self, Fmi2, Fmi3};
 use fmu_export::abi::{fmi2_functions, fmi3_functions};
 use fmu_export::{Entry, fmi2::*, fmi3::*};
 
@@ -25,7 +25,7 @@ pub enum Mode {
 pub use Mode::*;
 
 /// The edge and the mode of an instance.
-pub type Kind = (Version, Mode);
+pub type Kind = (FmiVersion, Mode);
 pub const PLAIN: [Kind; 2] = [(Fmi2, Stepped), (Fmi3, Stepped)];
 pub const EXCHANGED: [Kind; 2] = [(Fmi2, Exchanged), (Fmi3, Exchanged)];
 pub const EVENTS: Kind = (Fmi3, Events);
@@ -490,7 +490,7 @@ macro_rules! argument {
 }
 
 /// The functions of a version that have an instance.
-pub fn functions(version: Version) -> &'static [Function] {
+pub fn functions(version: FmiVersion) -> &'static [Function] {
     match version {
         Fmi2 => fmi2_functions!(functions!),
         Fmi3 => fmi3_functions!(functions!),

@@ -27,7 +27,7 @@ fn drive(f: Fmu, first: u32, steps: u32) -> Vec<[f64; 2]> {
 }
 
 /// An instance after five steps, with values of all types.
-fn moving(version: Version) -> Instance {
+fn moving(version: FmiVersion) -> Instance {
     let it = Instance::of((version, Stepped), EVERY);
     let settable =
         |fact: &&Fact| fact.is_settable(false) && ![U, V, TROUBLE].contains(&fact.reference);

@@ -113,7 +113,10 @@ fn has(operations: &str, operation: &str) -> bool {
 
 /// The row of a function for a version: the kind of instances that have it, the letters of its states, and the
 /// length of its arrays; or why it is not supported.
-pub fn row(version: Version, operation: &str) -> Result<(char, &'static str, usize), &'static str> {
+pub fn row(
+    version: FmiVersion,
+    operation: &str,
+) -> Result<(char, &'static str, usize), &'static str> {
     let Some((_, in_2, in_3, n)) = TABLE.iter().find(|row| has(row.0, operation)) else {
         let row = UNSUPPORTED.iter().find(|row| has(row.0, operation));
         return Err(row.expect(operation).1);

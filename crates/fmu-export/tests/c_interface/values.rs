@@ -14,7 +14,7 @@ use crate::models::*;
 /// The phases in which values can be set: before, during and after the initialization.
 const PHASES: [usize; 3] = [0, 1, 2];
 
-fn in_phase(version: Version, phase: usize) -> Instance {
+fn in_phase(version: FmiVersion, phase: usize) -> Instance {
     let it = Instance::of((version, Stepped), EVERY);
     if phase > 0 {
         assert_eq!(it.enter(0.0, None, None), OK);
@@ -29,7 +29,7 @@ fn in_phase(version: Version, phase: usize) -> Instance {
 
 /// The parts of a variable that a version accesses at once, with the name of the first element: each
 /// element in FMI 2.0, and all elements in FMI 3.0.
-fn parts(version: Version, fact: &Fact) -> Vec<(u32, String, &'static [f64])> {
+fn parts(version: FmiVersion, fact: &Fact) -> Vec<(u32, String, &'static [f64])> {
     let name = |k: usize| match (fact.name, fact.start.len()) {
         (name, 1) => name.to_owned(),
         ("matrix", _) => format!("matrix[{},{}]", k / 2 + 1, k % 2 + 1),
@@ -498,7 +498,7 @@ fn a_simulation_cycle_does_not_allocate() {
 }
 
 /// Sets and gets in step mode, where the fast path decides, and in initialization mode, where it does not.
-fn compare(version: Version, references: &[u32], values: &[f64]) {
+fn compare(version: FmiVersion, references: &[u32], values: &[f64]) {
     let (stepping, slow) = (in_phase(version, 2), in_phase(version, 1));
     let statuses = [&stepping, &slow].map(|f| f.set_f64(references, values));
     assert_eq!(statuses[0], statuses[1]);

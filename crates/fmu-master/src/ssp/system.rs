@@ -11,7 +11,7 @@ use fmu_file::archive;
 use super::read::{self, Files};
 use super::vocabulary::{self, COMPONENT, SYSTEM};
 use crate::fmu::{Declared, Units};
-use crate::{Component, Connection, Interface, Scale};
+use crate::{Component, Connection, InterfaceType, Scale};
 
 /// A connector: the path of its element, which is empty for the outermost system, and its name.
 pub type Port = (String, String);
@@ -171,8 +171,8 @@ impl<'a> System<'a> {
             );
             let interface = match element.attribute("implementation").unwrap_or("any") {
                 "any" => None,
-                "CoSimulation" => Some(Interface::CoSimulation),
-                "ModelExchange" => Some(Interface::ModelExchange),
+                "CoSimulation" => Some(InterfaceType::CoSimulation),
+                "ModelExchange" => Some(InterfaceType::ModelExchange),
                 other => bail!("the implementation {other:?} is not supported"),
             };
             Ok((self.path(element.attribute("source").unwrap_or_default())?, interface))

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, ensure};
 use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
-use fmu_host::{Kind, Treatment, environment, fmi2, stray_messages};
+use fmu_host::{InterfaceType, Treatment, environment, fmi2, stray_messages};
 
 use super::runs::{bytes, reset_and_run};
 use crate::binary::FMU;
@@ -25,7 +25,7 @@ const WRONG_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
 
 /// Looks for all functions, their version, and creates an instance.
 pub fn identity(subject: &Subject<'_>) -> Result<()> {
-    let missing = subject.library.missing(subject.kind);
+    let missing = subject.library.missing(subject.interface_type);
     for name in &missing {
         let text = format!("the function {name} is missing, expected it in the library");
         subject.report.find(rule!("loads"), text);
@@ -517,7 +517,8 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
     use Variability::{Constant, Continuous, Discrete, Fixed};
     // In model exchange, some hosts, such as CasADi, set the states one by one.
     let model = subject.model;
-    let variables = model.variables().filter(|_| subject.kind == Kind::ModelExchange);
+    let variables =
+        model.variables().filter(|_| subject.interface_type == InterfaceType::ModelExchange);
     let states: HashSet<u32> = variables
         .filter_map(|(_, v)| Some(model.referred(v.value, "derivative")?.reference))
         .collect();
@@ -692,9 +693,9 @@ pub fn nan(subject: &Subject<'_>) -> Result<()> {
             let _ = run.set(input, &vec![Value::Float64(f64::NAN); input.count()]);
         }
     }
-    let _ = match subject.kind {
-        Kind::CoSimulation => run.do_step(1.0, 1.0).map(drop),
-        Kind::ModelExchange => run.derivatives().map(drop),
+    let _ = match subject.interface_type {
+        InterfaceType::CoSimulation => run.do_step(1.0, 1.0).map(drop),
+        InterfaceType::ModelExchange => run.derivatives().map(drop),
     };
     // Whether an instance can be reset after an error, another test finds.
     ensure!(!subject.library.is_lost(), SKIP);
@@ -719,7 +720,7 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
             continue;
         }
         // The run sets its inputs itself, so steps are taken without it.
-        if subject.kind == Kind::CoSimulation {
+        if subject.interface_type == InterfaceType::CoSimulation {
             let _ = (1..4).try_for_each(|k| run.do_step(f64::from(k), 1.0).map(drop));
         } else if subject.states > 0 {
             let _ = run.derivatives();

@@ -177,7 +177,7 @@ pub fn run() -> Result<()> {
     let text = std::fs::read_to_string(task.session.join(MODEL_DESCRIPTION))?;
     let root = xml::parse(&text)?;
     let model = ModelDescription::read(&root)?;
-    let report = Arc::new(Report::new(service, model.version, task.kind()));
+    let report = Arc::new(Report::new(service, model.version, task.interface_type()));
     let probe = Probe::named(&task.probe)?;
     let folder = task.session.join(FMU);
     let trace = Arc::clone(&report);

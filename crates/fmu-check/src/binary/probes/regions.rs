@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use fmu_description::{Causality, Listed, Unknown, Value};
 use fmu_file::text::quote;
-use fmu_host::Kind;
+use fmu_host::InterfaceType;
 
 use super::values::{
     Known, MAX_INPUTS, OUTPUT_DERIVATIVES, compare_all, compare_slopes, in_run, state_pairs,
@@ -53,8 +53,8 @@ fn visit(subject: &Subject<'_>, mut test: impl FnMut(&mut Run<'_>) -> Result<()>
     }
     for share in SHARES {
         let is_there = !run.ended && set_inputs(&mut run, share) && {
-            let moved = match subject.kind {
-                Kind::ModelExchange => run.continuous_states().and_then(|states| {
+            let moved = match subject.interface_type {
+                InterfaceType::ModelExchange => run.continuous_states().and_then(|states| {
                     if states.iter().any(|x| x.abs() > MODERATE) {
                         return Ok(());
                     }
@@ -62,7 +62,7 @@ fn visit(subject: &Subject<'_>, mut test: impl FnMut(&mut Run<'_>) -> Result<()>
                     run.instance.set_continuous_states(&moved).map(drop)
                 }),
                 // An output may follow in the next step only.
-                Kind::CoSimulation => {
+                InterfaceType::CoSimulation => {
                     let point = run.place.point;
                     run.place.point += 1;
                     run.do_step(point as f64, 1.0).map(drop)
@@ -124,7 +124,7 @@ pub fn kinds<'a>(subject: &Subject<'a>) -> Result<()> {
     let model = subject.model;
     let mut knowns: Vec<Known<'_>> =
         subject.continuous(Causality::Input).into_iter().map(|input| (input, None)).collect();
-    if subject.kind == Kind::ModelExchange {
+    if subject.interface_type == InterfaceType::ModelExchange {
         let states = state_pairs(subject).unwrap_or_default().1;
         knowns.extend(states.into_iter().zip((0..).map(Some)));
     }

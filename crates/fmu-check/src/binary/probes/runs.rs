@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, anyhow, ensure};
 use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
-use fmu_host::Kind;
+use fmu_host::InterfaceType;
 
 use crate::binary::run::{Run, SKIP, Setup, Subject, check, is_refusal};
 use crate::binary::values::{Row, Trajectory, allows, element_name, real_range, shown};
@@ -40,7 +40,10 @@ pub fn experiment(subject: &Subject<'_>) -> Result<()> {
         found.iter().any(is_doubt) || outcome.as_ref().is_err_and(is_refusal)
     };
     let (mut outcome, mut found) = watch(subject, setup);
-    if is_doubtful(&outcome, &found) && subject.kind == Kind::ModelExchange && is_still {
+    if is_doubtful(&outcome, &found)
+        && subject.interface_type == InterfaceType::ModelExchange
+        && is_still
+    {
         (outcome, found) = watch(subject, setup.with(|s| s.parts = FINE));
     }
     if is_doubtful(&outcome, &found) && !is_still {
@@ -239,7 +242,7 @@ pub fn reset(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
         Ok(run)
     };
     let mut run = run(all).or_else(|_| run(inputs))?;
-    if subject.kind == Kind::CoSimulation {
+    if subject.interface_type == InterfaceType::CoSimulation {
         run.instance.terminate()?;
     }
     reset_and_run(subject, how, run)

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::whole;
 use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Unknown, Value, Variability};
 use fmu_file::text::quote;
-use fmu_host::{Instance, Kind};
+use fmu_host::{Instance, InterfaceType};
 
 use super::regions::output_derivatives;
 use crate::binary::Reply;
@@ -152,7 +152,7 @@ fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
 /// Sets inputs to the values that they have, from an array that must not be written.
 fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     let references = references(&subject.reals(Causality::Input));
-    if references.is_empty() || subject.kind == Kind::ModelExchange {
+    if references.is_empty() || subject.interface_type == InterfaceType::ModelExchange {
         return Ok(());
     }
     let values = run.reals(&references)?;
@@ -213,7 +213,7 @@ pub fn kept(subject: &Subject<'_>) -> Result<()> {
             initializing(&[Parameter, Input])?;
         }
         let is_refused = !initializing(&[Input])?;
-        if is_refused || subject.kind == Kind::ModelExchange {
+        if is_refused || subject.interface_type == InterfaceType::ModelExchange {
             return Ok(());
         }
         let stepped = Run::stepped(subject, still)?;
@@ -610,7 +610,9 @@ fn compare(
         );
         let mut both = slopes.iter().flatten();
         // In co-simulation, an output may follow an input only after the next step.
-        if both.all(|slope| *slope == 0.0) && run.subject.kind == Kind::CoSimulation {
+        if both.all(|slope| *slope == 0.0)
+            && run.subject.interface_type == InterfaceType::CoSimulation
+        {
             continue;
         }
         let scale = coarse.abs().max(fine.abs()).max(given.abs());
@@ -633,7 +635,7 @@ pub fn in_run<'a>(
 ) -> (Vec<&'a Listed<'a>>, Vec<Known<'a>>, Dependencies<'a>) {
     let (mut unknowns, mut states) = state_pairs(subject).unwrap_or_default();
     unknowns.extend(subject.continuous(Causality::Output));
-    if subject.kind == Kind::CoSimulation {
+    if subject.interface_type == InterfaceType::CoSimulation {
         states.clear();
     }
     let states = (0..).zip(states).map(|(k, state)| (state, Some(k)));
@@ -734,7 +736,7 @@ pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
         compare_adjoint(&mut run, output, &known.collect::<Vec<_>>())?;
     }
     if let Some((derivatives, states)) = state_pairs(subject)
-        && subject.kind == Kind::ModelExchange
+        && subject.interface_type == InterfaceType::ModelExchange
     {
         for derivative in derivatives {
             compare_adjoint(&mut run, derivative, &states)?;
@@ -769,7 +771,8 @@ fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -
 
 /// Changes each input, and looks for outputs that follow though the XML says that they do not, at two times.
 pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
-    let has_events = subject.kind == Kind::ModelExchange || subject.setup().event_mode;
+    let has_events =
+        subject.interface_type == InterfaceType::ModelExchange || subject.setup().event_mode;
     let is_known = |v: &&Listed<'_>| v.of_type != Type::String && (!has_events || is_continuous(v));
     let mut inputs: Vec<_> = subject.variables(Causality::Input).filter(is_known).collect();
     // The first that the FMU refuses to change ends the test.
