@@ -13,10 +13,10 @@ use crate::exchange::{self, Calling, Exchange, Trouble};
 use crate::input::Signals;
 use crate::plan::Planned;
 use crate::wiring::{Feed, Ports, Store, Wired, accessor, number};
-use crate::{Failure, Fmu, Messages};
+use crate::{FailedCall, Fmu, Messages, RunError};
 
 /// The outcome of a call.
-pub(crate) type Called<T = ()> = Result<T, Box<Failure>>;
+pub(crate) type Called<T = ()> = Result<T, Box<RunError>>;
 
 /// A component and what is transferred from and to it.
 pub(crate) struct Component<'a> {
@@ -93,7 +93,7 @@ impl<'a> Component<'a> {
     ) -> Called {
         self.calling.calls.begin(Function::performing(self.fmu.version, operation));
         let outcome = call(&mut self.calling.instance);
-        self.explain(outcome, || what.to_string())
+        self.check(outcome, || what.to_string())
     }
 
     /// Sets up the experiment from the start to the stop time (s), and sets start values.
@@ -144,7 +144,7 @@ impl<'a> Component<'a> {
     /// Handles a warning or an error of a call.
     #[cold]
     #[inline(never)]
-    fn explain(&mut self, outcome: fmu_host::Result, what: impl FnOnce() -> String) -> Called {
+    fn check(&mut self, outcome: fmu_host::Result, what: impl FnOnce() -> String) -> Called {
         let failure = match outcome {
             Ok(Success::Ok) => return Ok(()),
             Ok(Success::Warning(function)) => {
@@ -153,23 +153,22 @@ impl<'a> Component<'a> {
             }
             Err(failure) => failure,
         };
-        Err(self.failure(failure, what()))
+        Err(self.call_error(failure, what()))
     }
 
-    fn failure(&self, failure: fmu_host::Failure, what: String) -> Box<Failure> {
-        Box::new(Failure {
-            component: self.calling.name.clone(),
-            fmu: self.fmu.file_name(),
-            function: failure.function,
-            what,
-            time: None,
-            outcome: failure.outcome(),
-            message: self.calling.messages.reason(failure.function),
-            ended: match failure.cause {
-                Cause::Terminated(time) => Some(time),
-                _ => None,
-            },
-        })
+    fn call_error(&self, failure: fmu_host::Failure, what: String) -> Box<RunError> {
+        let ended = match failure.cause {
+            Cause::Terminated(time) => Some(time),
+            _ => None,
+        };
+        Box::new(RunError { ended, ..self.error(failure.function, what, failure.outcome()) })
+    }
+
+    /// The error of a call of this function; empty if the master cannot integrate the equations.
+    fn error(&self, function: &str, purpose: String, outcome: String) -> RunError {
+        let (component, fmu) = (self.calling.name.clone(), self.fmu.file_name());
+        let call = FailedCall { component, fmu, function: function.to_owned(), purpose };
+        RunError::in_call(call, outcome, self.calling.messages.reason(function))
     }
 
     /// Takes a step. Whether the system is `PLAIN`, with neither model exchange nor faults, is known at compile
@@ -182,7 +181,7 @@ impl<'a> Component<'a> {
                 self.calling.calls.begin(None);
             }
             return stepped
-                .map_err(|trouble| self.troubled(trouble, format!("step of {step:?} s")));
+                .map_err(|trouble| self.to_error(trouble, format!("step of {step:?} s")));
         }
         // The communication point tells calls of a plain system apart.
         match PLAIN {
@@ -191,7 +190,7 @@ impl<'a> Component<'a> {
         }
         match self.calling.instance.do_step_quickly(time, step) {
             None => Ok(()),
-            Some(outcome) => self.explain_step(*outcome, time, step),
+            Some(outcome) => self.check_step(*outcome, time, step),
         }
     }
 
@@ -241,9 +240,9 @@ impl<'a> Component<'a> {
     ) -> Called {
         match (done, outcome) {
             (_, None) => {}
-            (1, Some(outcome)) => self.explain_writing_reals(*outcome, outputs)?,
-            (2, Some(outcome)) => self.explain_step(*outcome, time, step)?,
-            (_, Some(outcome)) => self.explain_reading(*outcome, &self.ports[0].outputs)?,
+            (1, Some(outcome)) => self.check_writing_reals(*outcome, outputs)?,
+            (2, Some(outcome)) => self.check_step(*outcome, time, step)?,
+            (_, Some(outcome)) => self.check_reading(*outcome, &self.ports[0].outputs)?,
         }
         if done < 1 {
             self.write::<true>(outputs)?;
@@ -268,7 +267,7 @@ impl<'a> Component<'a> {
             let (fmu, ports) = (self.fmu.clone(), self.ports);
             let begun = Exchange::begin(&mut self.calling, &fmu, ports, signals, tolerance, times);
             let begun =
-                begun.map_err(|trouble| self.troubled(trouble, "first event".to_owned()))?;
+                begun.map_err(|trouble| self.to_error(trouble, "first event".to_owned()))?;
             self.exchange = Some(Box::new(begun));
         }
         Ok(())
@@ -276,34 +275,25 @@ impl<'a> Component<'a> {
 
     /// The failure of an integration.
     #[cold]
-    pub(crate) fn troubled(&mut self, trouble: Trouble, what: String) -> Box<Failure> {
+    pub(crate) fn to_error(&mut self, trouble: Trouble, what: String) -> Box<RunError> {
         let (failure, what) = match trouble {
             Trouble::Call(failure, place) if place.is_empty() => (failure, what),
             Trouble::Call(failure, place) => (failure, format!("{place}, {what}")),
             Trouble::Equations { reason, .. } => {
-                return Box::new(Failure {
-                    component: self.calling.name.clone(),
-                    fmu: self.fmu.file_name(),
-                    function: "",
-                    what,
-                    time: None,
-                    outcome: reason,
-                    message: self.calling.messages.reason(""),
-                    ended: None,
-                });
+                return Box::new(self.error("", what, reason));
             }
         };
-        self.failure(failure, what)
+        self.call_error(failure, what)
     }
 
     /// Handles a warning or an error of a step. Whether a discarded step of FMI 2.0 ends the simulation is asked
     /// for, as few FMUs can tell.
     #[cold]
-    fn explain_step(&mut self, outcome: fmu_host::Result, time: f64, step: f64) -> Called {
+    fn check_step(&mut self, outcome: fmu_host::Result, time: f64, step: f64) -> Called {
         let is_discarded =
             matches!(&outcome, Err(f) if f.cause == Cause::Returned(Status::Discard));
-        let explained = self.explain(outcome, || format!("step of {step:?} s"));
-        explained.map_err(|mut failure| {
+        let checked = self.check(outcome, || format!("step of {step:?} s"));
+        checked.map_err(|mut failure| {
             self.calling.calls.begin(Function::named("fmi2GetBooleanStatus"));
             if is_discarded && self.calling.instance.is_terminated() == Ok(true) {
                 self.calling.calls.begin(Function::named("fmi2GetRealStatus"));
@@ -319,7 +309,7 @@ impl<'a> Component<'a> {
     pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> Called {
         self.calling.calls.continue_call(self.get);
         if let Some(outcome) = self.calling.instance.get_at_step(&mut outputs.reals) {
-            self.explain_reading(*outcome, &self.ports[0].outputs)?;
+            self.check_reading(*outcome, &self.ports[0].outputs)?;
         }
         if PLAIN { Ok(()) } else { self.read_others(outputs) }
     }
@@ -349,7 +339,7 @@ impl<'a> Component<'a> {
         self.calling.calls.begin(get);
         let outcome = (self.calling.instance).get_values(kind, &scalars.references, &mut all);
         if outcome != Ok(Success::Ok) {
-            self.explain_reading(outcome, scalars)?;
+            self.check_reading(outcome, scalars)?;
         }
         if scalars.are_all {
             return Ok(all);
@@ -359,10 +349,10 @@ impl<'a> Component<'a> {
     }
 
     #[cold]
-    fn explain_reading(&mut self, outcome: fmu_host::Result, scalars: &Wired) -> Called {
+    fn check_reading(&mut self, outcome: fmu_host::Result, scalars: &Wired) -> Called {
         let names = scalars.scalars.iter().map(|scalar| self.fmu.name(*scalar));
         let what = Vec::from_iter(names).join(", ");
-        self.explain(outcome, || what)
+        self.check(outcome, || what)
     }
 
     /// Writes its inputs; if the system is `PLAIN`, all are values of Float64 outputs.
@@ -379,7 +369,7 @@ impl<'a> Component<'a> {
         if self.set.is_some() {
             self.calling.calls.continue_call(self.set);
             if let Some(outcome) = self.calling.instance.set_at_step(values) {
-                self.explain_writing_reals(*outcome, outputs)?;
+                self.check_writing_reals(*outcome, outputs)?;
             }
         }
         if PLAIN { Ok(()) } else { self.write_others(outputs) }
@@ -442,22 +432,22 @@ impl<'a> Component<'a> {
         let outcome = self.calling.instance.set_values(kind, &scalars.references, values);
         match outcome {
             Ok(Success::Ok) => Ok(()),
-            _ => self.explain_writing(outcome, scalars, values),
+            _ => self.check_writing(outcome, scalars, values),
         }
     }
 
     #[cold]
-    fn explain_writing_reals(&mut self, outcome: fmu_host::Result, outputs: &Store) -> Called {
+    fn check_writing_reals(&mut self, outcome: fmu_host::Result, outputs: &Store) -> Called {
         let values = match &self.ports[0].run {
             Some(run) => &outputs.reals[run.place()],
             None => &*self.reals,
         };
         let values = Vec::from_iter(values.iter().map(|value| Value::Float64(*value)));
-        self.explain_writing(outcome, &self.ports[0].inputs, &values)
+        self.check_writing(outcome, &self.ports[0].inputs, &values)
     }
 
     #[cold]
-    fn explain_writing(
+    fn check_writing(
         &mut self,
         outcome: fmu_host::Result,
         inputs: &Wired,
@@ -472,7 +462,7 @@ impl<'a> Component<'a> {
             }
         });
         let what = Vec::from_iter(texts).join(", ");
-        self.explain(outcome, || what)
+        self.check(outcome, || what)
     }
 
     /// Sets the start values that are wanted; those of an array together, with those that the model description

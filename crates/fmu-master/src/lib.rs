@@ -38,8 +38,8 @@
 
 mod component;
 mod description;
+mod error;
 mod exchange;
-mod failure;
 mod fault;
 mod fmu;
 mod function;
@@ -49,8 +49,8 @@ mod plan;
 mod random;
 pub mod run;
 mod simulation;
-pub mod single;
 pub mod ssp;
+pub mod stepped_fmu;
 mod summary;
 pub mod sweep;
 pub mod table;
@@ -60,7 +60,7 @@ pub use description::{
     Changes, Component, Connection, Description, Experiment, Order, Sandbox, Scale, Written,
     is_fmu, locate,
 };
-pub use failure::{Call, Failure};
+pub use error::{FailedCall, RunError};
 pub use fault::Fault;
 pub use fmu::Fmu;
 pub use fmu_host::InterfaceType;
@@ -68,6 +68,6 @@ pub use function::{Argument, Compute, Function, Signature};
 pub use messages::{Message, Messages};
 pub use plan::{Plan, Planned, Start};
 pub use simulation::{Row, Simulation};
-pub use summary::{Statistic, Summarized};
+pub use summary::{Statistics, Summary};
 pub use table::Column;
 pub use wiring::Place;

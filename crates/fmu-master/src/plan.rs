@@ -180,7 +180,7 @@ impl Plan {
         others.map(|(name, value)| self.start(name, &Written::Text(value.clone()))).collect()
     }
 
-    /// The names of the components and of their files, for [`Failure::recorded`](crate::Failure::recorded).
+    /// The names of the components and of their files, for [`RunError::crash`](crate::RunError::crash).
     pub fn names(&self) -> Vec<(String, String)> {
         let names = self.components.iter().map(|c| (c.name.clone(), c.fmu.file_name()));
         names.collect()

@@ -13,11 +13,11 @@ use fmu_file::replace::{Replacement, part};
 use fmu_worker::{Ended, Event, Service, Worker};
 use serde::{Deserialize, Serialize};
 
-use crate::failure::{Call, Crash, warn_of};
+use crate::error::warn_of_calls;
 use crate::simulation::Finished;
-use crate::summary::{Gathering, Summarized};
+use crate::summary::{Summarizer, Summary};
 use crate::table::{self, Cell, Column, Format};
-use crate::{Experiment, Failure, Message, Messages, Plan, Row, Start};
+use crate::{Experiment, Message, Messages, Plan, Row, RunError, Start};
 
 /// What a worker reports about a run.
 #[derive(Serialize, Deserialize)]
@@ -30,9 +30,9 @@ enum Report<'a> {
     Call(usize, f64, Cow<'a, [Value]>),
     /// It has ended: what the FMUs have logged, the last row, the summary, the time that the simulation took,
     /// and which FMU has ended it before the stop time.
-    Done(Vec<Message>, Cow<'a, Row>, Summarized, Duration, Option<String>),
+    Done(Vec<Message>, Cow<'a, Row>, Summary, Duration, Option<String>),
     /// It has failed, or cannot begin.
-    Failed(Failed),
+    Failed(RunError),
 }
 
 /// A run that is about to begin.
@@ -58,14 +58,14 @@ pub fn work<P: Borrow<Plan>>(
     plan: impl FnOnce() -> Result<(P, Vec<Start>)>,
 ) -> Result<()> {
     let messages = Messages::recorded(service.record().clone());
-    let planned = plan();
-    let (plan, starts) = match &planned {
-        Ok((plan, starts)) => (plan.borrow(), starts),
+    let (plan, starts) = match plan() {
+        Ok(planned) => planned,
         Err(error) => {
-            service.reply(&Report::Failed(Failed::new(Vec::new(), error)));
+            service.reply(&Report::Failed(RunError::new(error, Vec::new())));
             return Ok(());
         }
     };
+    let plan = plan.borrow();
     service.reply(&Report::Ready(Ready {
         components: plan.names(),
         experiment: plan.experiment,
@@ -77,11 +77,11 @@ pub fn work<P: Borrow<Plan>>(
     let Some(()) = service.task()? else { return Ok(()) };
     // Loading the binaries and initializing the FMUs do not count as simulating.
     let mut begin = Instant::now();
-    let mut gathering = Gathering::new(plan);
-    let finished = plan.simulate(starts, &messages).and_then(|simulation| {
+    let mut summarizer = Summarizer::new(plan);
+    let finished = plan.simulate(&starts, &messages).and_then(|simulation| {
         begin = Instant::now();
         simulation.run(|row| {
-            gathering.add(row);
+            summarizer.add(row);
             if records {
                 send(service, row);
             }
@@ -91,10 +91,10 @@ pub fn work<P: Borrow<Plan>>(
     let elapsed = begin.elapsed();
     service.reply(&match finished {
         Ok(Finished { messages, last, ended }) => {
-            let ended = ended.and_then(|ended| ended.end());
-            Report::Done(messages, Cow::Owned(last), gathering.summarize(), elapsed, ended)
+            let ended = ended.and_then(|ended| ended.early_end());
+            Report::Done(messages, Cow::Owned(last), summarizer.summarize(), elapsed, ended)
         }
-        Err(error) => Report::Failed(Failed::new(messages.take(), &error)),
+        Err(error) => Report::Failed(RunError::new(error, messages.take())),
     });
     // The binaries are unloaded when the plan is dropped, which no longer matters to the run.
     Ok(())
@@ -149,45 +149,31 @@ pub struct Watch<'a> {
     pub compute: &'a dyn Fn(usize, f64, &[Value]) -> Computed,
 }
 
-/// How a run in a worker has ended. Texts tell where its rows are, if some are kept.
+/// How a run in a worker has ended. The texts `rows` tell where its rows are, to follow a sentence; they are empty
+/// unless there is a file.
 #[derive(Debug)]
-pub enum Outcome {
+pub enum RunOutcome {
     /// It has reached its end.
-    Finished(Box<Summary>),
-    /// It was cancelled: when, if it was initialized, and its rows.
-    Cancelled(String),
+    Finished(Box<FinishedRun>),
+    /// It was cancelled, at this time (s) if it was initialized.
+    Cancelled {
+        /// The communication point.
+        time: Option<f64>,
+        /// The place of its rows.
+        rows: String,
+    },
     /// A call of an FMU has failed or has ended the process, or the run cannot begin.
-    Failed(Failed),
-}
-
-/// Why a run has failed.
-#[derive(Debug, Serialize, Deserialize)]
-pub struct Failed {
-    /// What the FMUs have logged.
-    pub messages: Vec<Message>,
-    /// What has failed.
-    pub text: String,
-    /// The call that has failed, unless the run cannot begin.
-    pub call: Option<Call>,
-}
-
-impl Failed {
-    /// The failure of an error of [`Plan::simulate`] or later.
-    pub fn new(messages: Vec<Message>, error: &Error) -> Self {
-        let call = error.downcast_ref().map(Failure::call);
-        Self { messages, text: format!("{error:#}"), call }
-    }
-
-    /// The end of a worker process, in a call of one of these components with their files.
-    pub fn crashed(worker: &Worker, components: &[(String, String)], ended: Ended) -> Self {
-        let Crash { text, call, .. } = Crash::new(worker, components, &ended.to_string());
-        Self { messages: Vec::new(), text, call }
-    }
+    Failed {
+        /// The reason.
+        error: RunError,
+        /// The place of its rows.
+        rows: String,
+    },
 }
 
 /// A run that has reached its end.
 #[derive(Debug)]
-pub struct Summary {
+pub struct FinishedRun {
     /// The run.
     pub ready: Ready,
     /// What the FMUs have logged.
@@ -195,7 +181,7 @@ pub struct Summary {
     /// The last row.
     pub last: Row,
     /// The values of all rows.
-    pub summarized: Summarized,
+    pub summary: Summary,
     /// The time that the simulation took, without loading and initializing the FMUs.
     pub duration: Duration,
     /// Which FMU has ended the simulation before the stop time, when and why.
@@ -216,11 +202,16 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// The file cannot be written, or the system does not tell the state of the worker.
-pub fn supervise(worker: &mut Worker, file: Option<&Path>, watch: &Watch<'_>) -> Result<Outcome> {
+pub fn supervise(
+    worker: &mut Worker,
+    file: Option<&Path>,
+    watch: &Watch<'_>,
+) -> Result<RunOutcome> {
     let kept = file.filter(|_| watch.keeps_rows);
     let mut ready: Option<Ready> = None;
     let mut rows: Option<Rows> = None;
-    let mut cancelled: Option<String> = None;
+    // The communication point, if the run was initialized.
+    let mut cancelled: Option<Option<f64>> = None;
     loop {
         let report = match worker.poll()? {
             Some(Event::Replied) => worker.reply()?,
@@ -228,25 +219,22 @@ pub fn supervise(worker: &mut Worker, file: Option<&Path>, watch: &Watch<'_>) ->
                 let components = ready.map(|ready| ready.components).unwrap_or_default();
                 let rows = keep(kept, rows);
                 return Ok(match cancelled {
-                    Some(when) => Outcome::Cancelled(when + &rows),
+                    Some(time) => RunOutcome::Cancelled { time, rows },
                     None => {
-                        let mut failed = Failed::crashed(worker, &components, ended);
-                        failed.text += &rows;
-                        Outcome::Failed(failed)
+                        let error = RunError::crash(worker, &components, &ended.to_string());
+                        RunOutcome::Failed { error, rows }
                     }
                 });
             }
             None if (watch.is_cancelled)() => {
-                let time = worker.record().time();
-                let time = time.map(|time| format!(" at t = {time:?} s"));
-                cancelled = Some(time.unwrap_or_default());
+                cancelled = Some(worker.record().time());
                 // Its last rows can still be received.
                 worker.kill()?;
                 continue;
             }
             None => {
                 if let Some(ready) = &ready {
-                    warn_of(worker, &ready.components, watch.warn);
+                    warn_of_calls(worker, &ready.components, watch.warn);
                     let time = worker.record().time();
                     time.iter().for_each(|time| (watch.progress)(ready, *time));
                 }
@@ -280,14 +268,14 @@ pub fn supervise(worker: &mut Worker, file: Option<&Path>, watch: &Watch<'_>) ->
                 ready = Some(new);
                 worker.send(&());
             }
-            Report::Done(messages, last, summarized, duration, ended) => {
+            Report::Done(messages, last, summary, duration, ended) => {
                 let count = match rows.as_mut().map(Rows::complete).transpose() {
                     Ok(count) => count,
                     Err(error) => return unwritten(error, kept, rows),
                 };
                 rows.map(Rows::place).transpose()?;
                 let ready = ready.context("the run has not begun")?;
-                warn_of(worker, &ready.components, watch.warn);
+                warn_of_calls(worker, &ready.components, watch.warn);
                 let last = last.into_owned();
                 let crash = match watch.keeps_worker {
                     true => None,
@@ -295,34 +283,32 @@ pub fn supervise(worker: &mut Worker, file: Option<&Path>, watch: &Watch<'_>) ->
                         |ended| !matches!(ended, Ended::Exited(status) if status.code().is_some()),
                     ),
                 };
-                return Ok(Outcome::Finished(Box::new(Summary {
+                return Ok(RunOutcome::Finished(Box::new(FinishedRun {
                     ready,
                     messages,
                     last,
-                    summarized,
+                    summary,
                     duration,
                     ended,
                     rows: count,
                     crash,
                 })));
             }
-            Report::Failed(mut fault) => {
-                if fault.call.is_some() {
-                    fault.text += &keep(kept, rows);
-                }
-                return Ok(Outcome::Failed(fault));
+            Report::Failed(error) => {
+                let rows = if error.call.is_some() { keep(kept, rows) } else { String::new() };
+                return Ok(RunOutcome::Failed { error, rows });
             }
         }
     }
 }
 
 /// The end of a run whose rows cannot be written. A device keeps none, and may be a pipe that nobody reads.
-fn unwritten(error: Error, file: Option<&Path>, rows: Option<Rows>) -> Result<Outcome> {
+fn unwritten(error: Error, file: Option<&Path>, rows: Option<Rows>) -> Result<RunOutcome> {
     match rows.as_ref().is_some_and(|rows| part(&rows.path).is_none()) {
         true => Err(error),
         false => {
-            let text = format!("{error:#}{}", keep(file, rows));
-            Ok(Outcome::Failed(Failed { messages: Vec::new(), text, call: None }))
+            let error = RunError::new(error, Vec::new());
+            Ok(RunOutcome::Failed { error, rows: keep(file, rows) })
         }
     }
 }

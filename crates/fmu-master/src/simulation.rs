@@ -13,7 +13,7 @@ use crate::input::Signals;
 use crate::plan::Planned;
 use crate::table::Column;
 use crate::wiring::{Store, number, places};
-use crate::{Failure, Message, Messages, Order, Place, Plan, Start};
+use crate::{Message, Messages, Order, Place, Plan, RunError, Start};
 
 /// An initialized run of a system.
 pub struct Simulation<'a> {
@@ -26,7 +26,7 @@ pub struct Simulation<'a> {
     lines: Vec<Vec<Line>>,
     messages: Messages,
     /// Why it has ended in the first event, if an FMU has ended it there.
-    ended: Option<Box<Failure>>,
+    ended: Option<Box<RunError>>,
 }
 
 /// A row of results: the values of the recorded variables at a communication point. Its columns are those
@@ -92,7 +92,7 @@ pub struct Finished {
     /// The last row.
     pub last: Row,
     /// Who has ended the simulation before the stop time, if an FMU has.
-    pub ended: Option<Failure>,
+    pub ended: Option<RunError>,
 }
 
 impl Plan {
@@ -192,7 +192,7 @@ impl Simulation<'_> {
     /// communication point, returns false, or until an FMU ends the simulation.
     ///
     /// # Errors
-    /// A [`Failure`]: a call of an FMU failed, which ends the run.
+    /// A [`RunError`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         let integrates = self.plan.components.iter().any(Planned::integrates);
         let is_plain = self.plan.wiring.is_plain && !integrates;
@@ -233,9 +233,10 @@ impl Simulation<'_> {
     /// Ends a run after a step or the first event in which an FMU has ended the simulation. If the row of the
     /// communication point waits for sampled components, it is complete if none of them had yet to step. A single FMU
     /// has one more row, at the time that it has reached.
-    fn end_early(&mut self, end: &Failure, mut observe: impl FnMut(&Row) -> bool) -> Called {
+    fn end_early(&mut self, end: &RunError, mut observe: impl FnMut(&Row) -> bool) -> Called {
         let wiring = &self.plan.wiring;
-        let mut all = self.plan.components.iter().skip_while(|c| c.name != end.component);
+        let component = end.call.as_ref().map(|call| &call.component);
+        let mut all = self.plan.components.iter().skip_while(|c| Some(&c.name) != component);
         if self.plan.steps_from_stop() && all.all(|component| !component.sampled) {
             self.row.store.record::<false>(&wiring.after, &self.outputs);
             observe(&self.row);
@@ -260,7 +261,7 @@ impl Simulation<'_> {
         // Without sampled components, a row is complete before the step.
         let is_late = self.plan.steps_from_stop();
         let last = if is_late { steps } else { steps.saturating_sub(1) };
-        let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
+        let failed_at = |time| move |failure: Box<RunError>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
         // The first step reads them at the same communication point, but in other calls.

@@ -1,4 +1,4 @@
-//! What a run did, gathered row by row: the extremes and the RMS of each number, and alarms.
+//! The summary of a run, made row by row on the worker side: the extremes and the RMS of each number, and alarms.
 
 use std::array::from_fn;
 use std::ops::Range;
@@ -12,7 +12,7 @@ use crate::{Column, Plan};
 
 /// The values of a column over all rows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Statistic {
+pub struct Statistics {
     /// The smallest value.
     pub min: f64,
     /// The largest value.
@@ -23,9 +23,9 @@ pub struct Statistic {
 
 /// The summary of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Summarized {
+pub struct Summary {
     /// One for each column; `None` if its values are not numbers.
-    pub statistics: Vec<Option<Statistic>>,
+    pub statistics: Vec<Option<Statistics>>,
     /// Alarms, as sentences.
     pub alarms: Vec<String>,
 }
@@ -47,8 +47,8 @@ const PARTS: usize = 10;
 /// So many of the last moves must grow; at first, what grows may be hidden by what decays.
 const GROWING: usize = 7;
 
-/// Gathers a summary. There is an element for each column: those of the type Float64 first, then the others.
-pub(crate) struct Gathering<'a> {
+/// Makes a summary. There is an element for each column: those of the type Float64 first, then the others.
+pub(crate) struct Summarizer<'a> {
     plan: &'a Plan,
     rows: u64,
     /// The row from which on there is more to do than the extremes.
@@ -145,7 +145,7 @@ impl Turns {
     }
 }
 
-impl<'a> Gathering<'a> {
+impl<'a> Summarizer<'a> {
     pub(crate) fn new(plan: &'a Plan) -> Self {
         let count = plan.columns.len();
         // Checked when the plan was made.
@@ -177,14 +177,14 @@ impl<'a> Gathering<'a> {
             zero += 0.0 * extremes.add(*x);
         }
         if self.rows >= self.next || zero.is_nan() {
-            self.look(row);
+            self.inspect(row);
         }
         self.rows += 1;
     }
 
-    /// Does what is not to be done at every row.
+    /// Does the part of the work that is not needed at every row.
     #[inline(never)]
-    fn look(&mut self, row: &Row) {
+    fn inspect(&mut self, row: &Row) {
         let Store { reals, others } = &row.store;
         for (extremes, value) in self.extremes[reals.len()..].iter_mut().zip(others) {
             extremes.add(number(value));
@@ -235,7 +235,7 @@ impl<'a> Gathering<'a> {
     }
 
     /// The summary of all rows.
-    pub(crate) fn summarize(self) -> Summarized {
+    pub(crate) fn summarize(self) -> Summary {
         let columns = &self.plan.columns;
         let mut statistics = Vec::new();
         let [mut lost, mut bounds, mut oscillating, mut leaving] = from_fn(|_| Vec::new());
@@ -254,7 +254,7 @@ impl<'a> Gathering<'a> {
             }
             let Extremes { min, max, squares } = self.extremes[index];
             let rms = (squares / self.rows as f64).sqrt();
-            statistics.push(Some(Statistic { min, max, rms }));
+            statistics.push(Some(Statistics { min, max, rms }));
             if let Some(time) = self.lost[index] {
                 lost.push(format!("{} from t = {time:?} s", column.name));
                 continue;
@@ -294,7 +294,7 @@ impl<'a> Gathering<'a> {
         let alarms = alarms.into_iter().filter(|(found, ..)| !found.is_empty());
         let alarms =
             alarms.map(|(found, what, note)| format!("{what}: {}{note}", listed(&found))).collect();
-        Summarized { statistics, alarms }
+        Summary { statistics, alarms }
     }
 
     /// The last value of a column that moves in one direction in the last parts of the run, in each further than

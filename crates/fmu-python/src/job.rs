@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, anyhow};
 use fmu_description::Value;
 use fmu_master::run::Computed;
-use fmu_master::single::{self, Setup};
+use fmu_master::stepped_fmu::{self, Setup};
 use fmu_master::{Changes, Description, Function, Plan, Signature, Start, is_fmu, locate, run};
 use fmu_worker::Service;
 use serde::de::DeserializeOwned;
@@ -18,7 +18,7 @@ pub enum Job {
     /// A run.
     Run(System),
     /// An FMU that is stepped by hand.
-    Single(Setup),
+    Step(Setup),
 }
 
 /// Does the job that another process sends.
@@ -34,7 +34,7 @@ pub fn work(service: &mut Service) -> Result<()> {
             Some(Job::Run(system)) => {
                 run::work(service, true, || loaded.plan(system, &compute))?;
             }
-            Some(Job::Single(setup)) => return single::work(service, &setup),
+            Some(Job::Step(setup)) => return stepped_fmu::serve(service, &setup),
         }
     }
 }

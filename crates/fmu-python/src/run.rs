@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use cargo_fmu::session::Session;
 use fmu_description::Value;
-use fmu_master::run::{Computed, Failed, Outcome, Watch, supervise};
+use fmu_master::run::{Computed, RunOutcome, Watch, supervise};
 use fmu_master::table::{self, Series, Tolerance};
-use fmu_master::{Call, Column, Experiment, Message, Messages, Plan};
+use fmu_master::{Column, Experiment, FailedCall, Message, Messages, Plan, RunError};
 use fmu_worker::{Limits, Owned, Worker, available_memory};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
@@ -40,7 +40,7 @@ struct Done {
     warnings: Vec<String>,
     ended: Option<String>,
     duration: Duration,
-    fault: Option<Failed>,
+    error: Option<RunError>,
 }
 
 /// Runs systems, in worker processes or in this one.
@@ -129,11 +129,7 @@ fn into_python(py: Python<'_>, done: Done, raised: Option<PyErr>) -> PyResult<Bo
     dict.set_item("warnings", done.warnings)?;
     dict.set_item("ended", done.ended)?;
     dict.set_item("duration", done.duration.as_secs_f64())?;
-    let fault = done.fault.map(|fault| {
-        let call = fault.call.map(|call| (call.component, call.function, call.time));
-        (fault.text, call)
-    });
-    dict.set_item("fault", fault)?;
+    dict.set_item("error", done.error.map(error_arguments))?;
     dict.set_item("raised", raised)?;
     Ok(dict)
 }
@@ -221,15 +217,21 @@ fn plan(py: Python<'_>, system: &str) -> PyResult<Plan> {
 }
 
 pub fn error(error: anyhow::Error) -> PyErr {
-    raised(Failed::new(Vec::new(), &error))
+    to_exception(RunError::new(error, Vec::new()))
 }
 
-/// An exception whose arguments are those of `FmuError`.
-pub fn raised(failed: Failed) -> PyErr {
-    match failed.call {
-        None => FmuError::new_err(failed.text),
-        Some(Call { component, function, time }) => {
-            FmuError::new_err((failed.text, component, function, time))
+/// The exception of an error.
+pub fn to_exception(error: RunError) -> PyErr {
+    FmuError::new_err(error_arguments(error))
+}
+
+/// The first arguments of `FmuError`: text, component, function and time (s).
+fn error_arguments(error: RunError) -> (String, Option<String>, Option<String>, Option<f64>) {
+    let (text, time) = (error.to_string(), error.time);
+    match error.call {
+        None => (text, None, None, None),
+        Some(FailedCall { component, function, .. }) => {
+            (text, Some(component), Some(function), time)
         }
     }
 }
@@ -370,26 +372,25 @@ fn in_worker(
         },
     )?;
     // A run that failed may have left an FMU that must not be called again.
-    let is_sound = keeps && !matches!(outcome, Outcome::Failed(_));
+    let is_sound = keeps && !matches!(outcome, RunOutcome::Failed { .. });
     if is_sound && matches!(process.0.poll(), Ok(None)) {
         kept.worker = Some(process);
     }
     let mut done = done.into_inner();
     match outcome {
-        Outcome::Cancelled(_) => {}
-        Outcome::Failed(mut fault) => {
-            done.messages = std::mem::take(&mut fault.messages);
-            done.fault = Some(fault);
+        RunOutcome::Cancelled { .. } => {}
+        RunOutcome::Failed { mut error, .. } => {
+            done.messages = std::mem::take(&mut error.messages);
+            done.error = Some(error);
         }
-        Outcome::Finished(summary) => {
-            let crash =
-                summary.crash.map(|ended| format!("after the simulation, the process {ended}"));
+        RunOutcome::Finished(run) => {
+            let crash = run.crash.map(|ended| format!("after the simulation, the process {ended}"));
             done.warnings.extend(crash);
-            done.columns = summary.ready.columns;
-            done.messages = summary.messages;
-            done.notes = summary.ready.notes;
-            done.ended = summary.ended;
-            done.duration = summary.duration;
+            done.columns = run.ready.columns;
+            done.messages = run.messages;
+            done.notes = run.ready.notes;
+            done.ended = run.ended;
+            done.duration = run.duration;
         }
     }
     Ok(done)
@@ -404,7 +405,7 @@ fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Done>
     let (plan, starts) = match kept.loaded.plan(system, &compute) {
         Ok(planned) => planned,
         Err(error) => {
-            done.fault = Some(Failed::new(Vec::new(), &error));
+            done.error = Some(RunError::new(error, Vec::new()));
             return Ok(done);
         }
     };
@@ -431,11 +432,11 @@ fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Done>
     match finished {
         Ok(finished) => {
             done.messages = finished.messages;
-            done.ended = finished.ended.and_then(|ended| ended.end());
+            done.ended = finished.ended.and_then(|ended| ended.early_end());
         }
         Err(error) => {
             done.messages = messages.take();
-            done.fault = Some(Failed::new(Vec::new(), &error));
+            done.error = Some(RunError::new(error, Vec::new()));
         }
     }
     Ok(done)

@@ -7,9 +7,8 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use cargo_fmu::session::Session;
 use fmu_description::{Value, Variable};
-use fmu_master::Written;
-use fmu_master::run::Failed;
-use fmu_master::single::{Answer, Ask, Names, Setup, Single};
+use fmu_master::stepped_fmu::{Names, Request, Response, Setup, SteppedFmu};
+use fmu_master::{RunError, Written};
 use fmu_worker::{Event, Owned, Record, Worker};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
@@ -20,11 +19,11 @@ use pyo3::types::PyList;
 
 use crate::columns::{from_python, to_python};
 use crate::job::{Job, given};
-use crate::run::{FmuError, PERIOD, error, raised, start};
+use crate::run::{FmuError, PERIOD, error, start, to_exception};
 
 /// Where the FMU is.
 enum Place {
-    Here(Box<Single>),
+    Here(Box<SteppedFmu>),
     /// The session is dropped after the worker.
     There(Box<Worker>, Session),
 }
@@ -50,11 +49,11 @@ impl Instance {
         self.forgotten.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn ask<'py>(&self, py: Python<'py>, ask: Ask) -> PyResult<Bound<'py, PyAny>> {
-        into_python(py, self.answer(py, ask)?)
+    fn request<'py>(&self, py: Python<'py>, request: Request) -> PyResult<Bound<'py, PyAny>> {
+        into_python(py, self.respond(py, &request)?)
     }
 
-    fn answer(&self, py: Python<'_>, ask: Ask) -> PyResult<Answer> {
+    fn respond(&self, py: Python<'_>, request: &Request) -> PyResult<Response> {
         if !self.is_here && !self.place.is_of_this_process() {
             let (name, _) = self.names.names();
             return Err(FmuError::new_err(format!(
@@ -64,17 +63,18 @@ impl Instance {
         let mut place = self.place(py);
         match place.as_mut().context("the instance was freed").map_err(error)? {
             // Not worth releasing the lock of Python, unless the FMU computes for long.
-            Place::Here(single) if !matches!(ask, Ask::Step(_) | Ask::Initialize(_)) => {
-                single.answer(&ask).map_err(error)
+            Place::Here(fmu) if !matches!(request, Request::Step(_) | Request::Initialize(_)) => {
+                fmu.fulfil(request).map_err(error)
             }
-            Place::Here(single) => py.detach(|| single.answer(&ask)).map_err(error),
+            Place::Here(fmu) => py.detach(|| fmu.fulfil(request)).map_err(error),
             Place::There(worker, _) => {
-                worker.send(&ask);
-                let answer = receive(py, worker, &self.names);
-                if answer.is_err() && matches!(worker.poll(), Ok(Some(Event::Ended(_))) | Err(_)) {
+                worker.send(request);
+                let response = receive(py, worker, &self.names);
+                if response.is_err() && matches!(worker.poll(), Ok(Some(Event::Ended(_))) | Err(_))
+                {
                     *place = None;
                 }
-                answer
+                response
             }
         }
     }
@@ -88,30 +88,31 @@ impl Instance {
     }
 }
 
-/// An answer as Python gets it.
-fn into_python(py: Python<'_>, answer: Answer) -> PyResult<Bound<'_, PyAny>> {
-    match answer {
-        Answer::Time(time) => time.into_bound_py_any(py),
-        Answer::Numbers(numbers) => numbers.into_bound_py_any(py),
-        Answer::Saved(number) => number.into_bound_py_any(py),
-        Answer::Values(values) => {
+/// A response as Python gets it.
+fn into_python(py: Python<'_>, response: Response) -> PyResult<Bound<'_, PyAny>> {
+    match response {
+        Response::Time(time) => time.into_bound_py_any(py),
+        Response::Numbers(numbers) => numbers.into_bound_py_any(py),
+        Response::Saved(number) => number.into_bound_py_any(py),
+        Response::Values(values) => {
             let values = values.into_iter().map(|value| to_python(py, value));
             values.collect::<PyResult<Vec<_>>>()?.into_bound_py_any(py)
         }
     }
 }
 
-/// Waits for the answer of a worker; Ctrl-C ends the worker.
-fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Answer> {
+/// Waits for the response of a worker; Ctrl-C ends the worker.
+fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Response> {
     py.detach(|| {
         let mut looked = Instant::now();
         loop {
             match worker.poll()? {
                 Some(Event::Replied) => {
-                    return worker.reply::<Result<Answer, Failed>>()?.map_err(raised);
+                    return worker.reply::<Result<Response, RunError>>()?.map_err(to_exception);
                 }
                 Some(Event::Ended(ended)) => {
-                    return Err(raised(Failed::crashed(worker, &[names.names()], ended)));
+                    let names = [names.names()];
+                    return Err(to_exception(RunError::crash(worker, &names, &ended.to_string())));
                 }
                 None if looked.elapsed() >= PERIOD => {
                     looked = Instant::now();
@@ -174,10 +175,10 @@ impl Instance {
             .detach(|| {
                 let names = Names::open(&setup)?;
                 let place = match program.is_empty() {
-                    true => Place::Here(Box::new(Single::new(&setup, &Record::default())?)),
+                    true => Place::Here(Box::new(SteppedFmu::new(&setup, &Record::default())?)),
                     false => {
                         let session = Session::without_signals()?;
-                        let worker = start(&session, &program, &Job::Single(setup))?;
+                        let worker = start(&session, &program, &Job::Step(setup))?;
                         Place::There(Box::new(worker), session)
                     }
                 };
@@ -228,7 +229,7 @@ impl Instance {
     }
 
     fn initialize<'py>(&self, py: Python<'py>, values: Values<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::Initialize(self.typed(values)?))
+        self.request(py, Request::Initialize(self.typed(values)?))
     }
 
     /// Checks that values fit their variables.
@@ -237,28 +238,28 @@ impl Instance {
     }
 
     fn step<'py>(&self, py: Python<'py>, size: f64) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::Step(size))
+        self.request(py, Request::Step(size))
     }
 
     fn get<'py>(&self, py: Python<'py>, scalars: Vec<usize>) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::Get(scalars))
+        self.request(py, Request::Get(scalars))
     }
 
     fn set<'py>(&self, py: Python<'py>, values: Values<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::Set(self.typed(values)?))
+        self.request(py, Request::Set(self.typed(values)?))
     }
 
     fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         // Others may forget states while these are freed.
         let forgotten = std::mem::take(&mut *self.forgotten());
         for state in forgotten {
-            self.answer(py, Ask::Forget(state))?;
+            self.respond(py, &Request::Forget(state))?;
         }
-        self.ask(py, Ask::Save)
+        self.request(py, Request::Save)
     }
 
     fn restore<'py>(&self, py: Python<'py>, state: u64) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::Restore(state))
+        self.request(py, Request::Restore(state))
     }
 
     /// Does not wait: the garbage collector may call it while this thread waits for the FMU.
@@ -267,15 +268,15 @@ impl Instance {
     }
 
     fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::States)
+        self.request(py, Request::States)
     }
 
     fn set_states<'py>(&self, py: Python<'py>, states: Vec<f64>) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::SetStates(states))
+        self.request(py, Request::SetStates(states))
     }
 
     fn derivatives<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::Derivatives)
+        self.request(py, Request::Derivatives)
     }
 
     fn directional<'py>(
@@ -285,7 +286,7 @@ impl Instance {
         knowns: Vec<usize>,
         seed: Vec<f64>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        self.ask(py, Ask::Directional(unknowns, knowns, seed))
+        self.request(py, Request::Directional(unknowns, knowns, seed))
     }
 
     fn free(&self, py: Python<'_>) {
@@ -295,7 +296,7 @@ impl Instance {
         let place = self.place(py).take();
         py.detach(|| match place {
             None => {}
-            Some(Place::Here(single)) => drop(single),
+            Some(Place::Here(fmu)) => drop(fmu),
             Some(Place::There(mut worker, session)) => {
                 // How it ends no longer matters.
                 let _ = worker.end(FAREWELL);

@@ -12,10 +12,10 @@ use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Args;
 use fmu_description::{Type, Value};
 use fmu_file::replace;
-use fmu_master::run::{self, Outcome, Summary, Watch};
+use fmu_master::run::{self, FinishedRun, RunOutcome, Watch};
 use fmu_master::table::{Format, header, push_line};
 use fmu_master::{
-    Changes, Column, Description, Experiment, Message, Plan, Row, Start, Statistic, is_fmu, locate,
+    Changes, Column, Description, Experiment, Message, Plan, Row, Start, Statistics, is_fmu, locate,
 };
 use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -125,7 +125,7 @@ pub fn supervise(
     progress.bar.finish_and_clear();
     printer.into_inner().finish().context("cannot write to the standard output")?;
     match outcome {
-        Outcome::Finished(finished) => {
+        RunOutcome::Finished(finished) => {
             warn(&finished.messages);
             if let (None, Some(device)) = (file, csv) {
                 replace::write(device, &fs::read(&unsaved)?)?;
@@ -144,12 +144,13 @@ pub fn supervise(
             }
             Ok(ExitCode::SUCCESS)
         }
-        Outcome::Failed(fault) => {
-            warn(&fault.messages);
-            bail!("{}", fault.text)
+        RunOutcome::Failed { error, rows } => {
+            warn(&error.messages);
+            bail!("{error}{rows}")
         }
-        Outcome::Cancelled(text) => {
-            crate::tell(format_args!("interrupted{text}"));
+        RunOutcome::Cancelled { time, rows } => {
+            let time = time.map(|time| format!(" at t = {time:?} s")).unwrap_or_default();
+            crate::tell(format_args!("interrupted{time}{rows}"));
             Ok(session.signal().map_or(ExitCode::FAILURE, session::code))
         }
     }
@@ -229,15 +230,15 @@ fn warn(messages: &[Message]) {
     }
 }
 
-fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
+fn report(out: &mut impl Write, finished: &FinishedRun) -> Result<()> {
     let (ready, last) = (&finished.ready, &finished.last);
     let (columns, time) = (&ready.columns, last.time);
     let last = format!("at t = {time} s");
     let titles = ["output", "minimum", "maximum", "RMS", &last, "unit"];
     let mut cells = vec![titles.map(str::to_owned)];
     let rows = columns.iter().zip(finished.last.values(columns));
-    cells.extend(rows.zip(&finished.summarized.statistics).map(|((c, value), statistic)| {
-        let short = |number: fn(&Statistic) -> f64| {
+    cells.extend(rows.zip(&finished.summary.statistics).map(|((c, value), statistic)| {
+        let short = |number: fn(&Statistics) -> f64| {
             let number = statistic.as_ref().map(number);
             number.map_or_else(String::new, |number| format!("{number:.3e}"))
         };
@@ -259,7 +260,7 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
     for line in table::lines(&cells, false) {
         writeln!(out, "{line}")?;
     }
-    for alarm in &finished.summarized.alarms {
+    for alarm in &finished.summary.alarms {
         writeln!(out, "alarm: {alarm}")?;
     }
     for line in ready.notes.iter().chain(&finished.ended) {

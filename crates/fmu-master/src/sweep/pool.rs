@@ -1,4 +1,4 @@
-//! The worker processes of a sweep. A process that an FMU ends is replaced by another one, and only the run
+//! Supervisor side: the worker processes of a sweep. A process that an FMU ends is replaced by another one, and only the run
 //! in progress is lost. A process in which an FMU has had a fatal error is replaced, too.
 
 use std::collections::VecDeque;
@@ -13,7 +13,8 @@ use fmu_worker::{Ended, Event, Limits, Worker};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::failure::{Crash, warn_of};
+use crate::RunError;
+use crate::error::warn_of_calls;
 
 /// How a sweep starts its worker processes.
 pub struct Workers<'a> {
@@ -41,12 +42,12 @@ impl Workers<'_> {
     }
 }
 
-/// What came of a task.
-pub(crate) enum Outcome<R> {
-    /// The answer of the worker.
+/// The outcome of a task.
+pub(crate) enum TaskOutcome<R> {
+    /// The reply of the worker.
     Reply(R),
     /// The worker ended.
-    Crash(Crash),
+    Crash(RunError),
 }
 
 /// Why a worker gets no more tasks.
@@ -81,11 +82,11 @@ pub(crate) struct Pool<'a, T> {
 /// A worker with its tasks.
 struct Busy<T> {
     worker: Worker,
-    /// What it has been asked to do and has not yet answered, in order.
+    /// What it has been asked to do and has not yet replied to, in order.
     tasks: VecDeque<T>,
     /// The number of tasks that it gets ahead.
     ahead: usize,
-    /// When it last got its first task, or answered.
+    /// When it last got its first task, or replied.
     since: Instant,
 }
 
@@ -94,8 +95,8 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
         Self { setup, count: setup.count(), names, busy: Vec::new() }
     }
 
-    /// Hands out this number of tasks; `keep` receives what came of each, in any order, of several tasks at once if they
-    /// are short. Returns false if cancelled.
+    /// Hands out this number of tasks; `keep` receives the outcome of each, in any order, of several tasks at once if they are
+    /// short. Returns false if cancelled.
     ///
     /// # Errors
     /// A worker cannot be started or does nothing, or `keep` fails.
@@ -103,7 +104,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
         &mut self,
         number: u64,
         mut tasks: impl Iterator<Item = T>,
-        mut keep: impl FnMut(Vec<(T, Outcome<R>)>) -> Result<()>,
+        mut keep: impl FnMut(Vec<(T, TaskOutcome<R>)>) -> Result<()>,
     ) -> Result<bool> {
         // The tasks that nobody has.
         let mut rest = number;
@@ -133,11 +134,11 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                             Ended::OutOfMemory(_) => "used too much memory and was killed".into(),
                             ended => ended.to_string(),
                         };
-                        let crash = Crash::new(&busy.worker, &self.names, &how);
+                        let crash = RunError::crash(&busy.worker, &self.names, &how);
                         let Some(task) = busy.tasks.pop_front() else {
-                            bail!("{}", crash.text);
+                            bail!("{crash}");
                         };
-                        keep(vec![(task, Outcome::Crash(crash))])?;
+                        keep(vec![(task, TaskOutcome::Crash(crash))])?;
                     }
                     rest += busy.tasks.len() as u64;
                     waiting.extend(busy.tasks);
@@ -159,7 +160,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     busy.worker.send(&task);
                     busy.tasks.push_back(task);
                 }
-                warn_of(&mut busy.worker, &self.names, self.setup.warn);
+                warn_of_calls(&mut busy.worker, &self.names, self.setup.warn);
             }
             if waiting.is_empty() && self.busy.iter().all(|busy| busy.tasks.is_empty()) {
                 match tasks.next() {
@@ -209,13 +210,13 @@ impl<T> Drop for Pool<'_, T> {
 }
 
 impl<T: Copy> Busy<T> {
-    /// Passes on the answers; returns why the worker gets no more tasks, if so. A worker that has soon done more than
+    /// Passes on the replies; returns why the worker gets no more tasks, if so. A worker that has soon done more than
     /// half of its tasks gets twice as many from now on; one whose tasks take long gets one at a time.
     fn collect<R: DeserializeOwned>(
         &mut self,
-        keep: &mut impl FnMut(Vec<(T, Outcome<R>)>) -> Result<()>,
+        keep: &mut impl FnMut(Vec<(T, TaskOutcome<R>)>) -> Result<()>,
     ) -> Result<Option<End>> {
-        let mut answers = Vec::new();
+        let mut outcomes = Vec::new();
         let mut end = None;
         while end.is_none()
             && let Some(event) = self.worker.poll()?
@@ -224,22 +225,22 @@ impl<T: Copy> Busy<T> {
                 Event::Ended(how) => end = Some(End::Process(how)),
                 Event::Replied => {
                     let task =
-                        self.tasks.pop_front().context("a worker sent an answer without a task")?;
+                        self.tasks.pop_front().context("a worker sent a reply without a task")?;
                     let (reply, is_lost) = self.worker.reply::<(R, bool)>()?;
-                    answers.push((task, Outcome::Reply(reply)));
+                    outcomes.push((task, TaskOutcome::Reply(reply)));
                     end = is_lost.then_some(End::Lost);
                 }
             }
         }
-        let has_answered = !answers.is_empty();
-        if has_answered {
-            keep(answers)?;
+        let has_replied = !outcomes.is_empty();
+        if has_replied {
+            keep(outcomes)?;
         }
         if end.is_some() {
             return Ok(end);
         }
         let is_soon = self.since.elapsed() < AHEAD;
-        if has_answered {
+        if has_replied {
             if is_soon && 2 * self.tasks.len() < self.ahead {
                 self.ahead = (2 * self.ahead).min(MAX_AHEAD);
             }

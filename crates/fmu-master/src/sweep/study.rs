@@ -17,10 +17,10 @@ use serde::{Deserialize, Serialize};
 use super::journal::Journal;
 use super::metrics::{Metrics, Options, Sample, Summary};
 use super::parameters::{Parameter, Parameters};
-use super::pool::{Outcome, Pool, Workers};
+use super::pool::{Pool, TaskOutcome, Workers};
 use crate::table::{self, Cell, Column};
 use crate::{
-    Description, Failure, Messages, Order, Place, Plan, Row, Sandbox, Simulation, Start, Written,
+    Description, Messages, Order, Place, Plan, Row, RunError, Sandbox, Simulation, Start, Written,
     locate, ssp,
 };
 
@@ -272,12 +272,12 @@ impl Study {
         pool.run(
             corners.len() as u64,
             corners.into_iter().map(Task::Try).take_while(|_| !fit.get()),
-            |outcomes: Vec<(Task, Outcome<Reply>)>| {
+            |outcomes: Vec<(Task, TaskOutcome<Reply>)>| {
                 for (_, outcome) in outcomes {
                     match outcome {
-                        Outcome::Reply(Ok(_)) => fit.set(true),
-                        Outcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
-                        Outcome::Crash(crashed) => crash = Some(crashed.text),
+                        TaskOutcome::Reply(Ok(_)) => fit.set(true),
+                        TaskOutcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
+                        TaskOutcome::Crash(crashed) => crash = Some(crashed),
                     }
                 }
                 Ok(())
@@ -303,7 +303,7 @@ impl Study {
             let record = service.record();
             let reply = match task {
                 Task::Try(index) => match self.initialize(index, record) {
-                    Err(error) if error.downcast_ref::<Failure>().is_none() => Err(error),
+                    Err(error) if error.downcast_ref::<RunError>().is_none() => Err(error),
                     _ => Ok(None),
                 },
                 Task::Simulate(index) => self.simulate(index, record).map(Some),
@@ -340,8 +340,7 @@ impl Study {
             Ok(simulation) => simulation,
             // It may refuse some of the values.
             Err(error) => {
-                let failure = error.downcast::<Failure>()?;
-                return self.unmeasured(index, failure.time, failure.event(), failure.to_string());
+                return self.unmeasured(index, &error.downcast()?);
             }
         };
         let mut metrics = Metrics::new(&self.metrics);
@@ -357,12 +356,12 @@ impl Study {
         // A run that an FMU has ended cannot be compared with others either.
         let failure = match ended {
             Ok(finished) => finished.ended,
-            Err(error) => Some(error.downcast::<Failure>()?),
+            Err(error) => Some(error.downcast::<RunError>()?),
         };
         if let Some(failure) = &failure {
             metrics.diverge(failure.time.unwrap_or(self.plan.experiment.start));
         }
-        let event = failure.as_ref().map(Failure::event);
+        let event = failure.as_ref().map(RunError::event);
         Ok(Done {
             line: self.line(index, metrics.finish(), event)?,
             failure: failure.map(|failure| failure.to_string()),
@@ -370,23 +369,18 @@ impl Study {
     }
 
     /// The row of a run without metrics, because an FMU has refused it or ended its process.
-    fn unmeasured(
-        &self,
-        index: u64,
-        time: Option<f64>,
-        event: String,
-        failure: String,
-    ) -> Result<Done> {
+    fn unmeasured(&self, index: u64, error: &RunError) -> Result<Done> {
         let summary = Summary {
             iae: f64::NAN,
             ise: f64::NAN,
             itae: f64::NAN,
             largest_u: f64::NAN,
             diverged: true,
-            diverged_at: Some(time.unwrap_or(self.plan.experiment.start)),
+            diverged_at: Some(error.time.unwrap_or(self.plan.experiment.start)),
             ..Summary::default()
         };
-        Ok(Done { line: self.line(index, summary, Some(event))?, failure: Some(failure) })
+        let line = self.line(index, summary, Some(error.event()))?;
+        Ok(Done { line, failure: Some(error.to_string()) })
     }
 
     /// The row of a run as a line of CSV.
@@ -410,19 +404,17 @@ impl Study {
         mut keep: impl FnMut(&str, Vec<(u64, Option<String>)>) -> Result<()>,
     ) -> Result<bool> {
         let tasks = indices.map(Task::Simulate);
-        pool.run(number, tasks, |outcomes: Vec<(Task, Outcome<Reply>)>| {
+        pool.run(number, tasks, |outcomes: Vec<(Task, TaskOutcome<Reply>)>| {
             let (mut lines, mut runs) = (String::new(), Vec::new());
             for (Task::Try(index) | Task::Simulate(index), outcome) in outcomes {
                 let done = match outcome {
-                    Outcome::Reply(Ok(Some(done))) => done,
-                    Outcome::Reply(Ok(None)) => continue,
-                    Outcome::Reply(Err(text)) => {
+                    TaskOutcome::Reply(Ok(Some(done))) => done,
+                    TaskOutcome::Reply(Ok(None)) => continue,
+                    TaskOutcome::Reply(Err(text)) => {
                         keep(&lines, runs)?;
                         bail!("{text}");
                     }
-                    Outcome::Crash(crash) => {
-                        self.unmeasured(index, crash.time, crash.event, crash.text)?
-                    }
+                    TaskOutcome::Crash(crash) => self.unmeasured(index, &crash)?,
                 };
                 lines += &done.line;
                 runs.push((index, done.failure));

@@ -203,12 +203,10 @@ class System:
             done = runner.run(given, [function.step for function in functions], shown)
         for text in done["warnings"]:
             warnings.warn(text, stacklevel=2)
-        fault, raised = done.pop("fault"), done.pop("raised")
+        error, raised = done.pop("error"), done.pop("raised")
         result = Result(**done)
-        if fault is not None:
-            text, call = fault
-            component, name, time = call or (None, None, None)
-            raise FmuError(text, component, name, time, result) from raised
+        if error is not None:
+            raise FmuError(*error, result) from raised
         return result
 
 

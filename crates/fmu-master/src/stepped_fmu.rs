@@ -1,4 +1,4 @@
-//! One FMU that its user steps by hand: in this process, or in a worker process that answers what it is asked.
+//! One FMU that its user steps by hand: in this process, or on the worker side, where [`serve`] receives each request.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -14,9 +14,8 @@ use serde::{Deserialize, Serialize};
 use crate::component::{Called, Component};
 use crate::exchange::Exchange;
 use crate::plan::{Assigned, Planned, assigned};
-use crate::run::Failed;
 use crate::wiring::{Wired, accessor};
-use crate::{Description, Messages, Plan, Written};
+use crate::{Description, Messages, Plan, RunError, Written};
 
 /// Which FMU to step, and how.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -35,9 +34,9 @@ pub struct Setup {
     pub sizes: Vec<(String, String)>,
 }
 
-/// What an FMU is asked to do. Variables are scalars or elements, by their numbers in [`Names`].
+/// A request to an FMU. Variables are scalars or elements, by their numbers in [`Names`].
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub enum Ask {
+pub enum Request {
     /// To initialize itself, with these start values.
     Initialize(Vec<(usize, Value)>),
     /// To step by this time (s).
@@ -62,10 +61,10 @@ pub enum Ask {
     Directional(Vec<usize>, Vec<usize>, Vec<f64>),
 }
 
-/// What an FMU answers.
+/// The response of an FMU to a request.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub enum Answer {
-    /// It has done it, and has reached this time (s).
+pub enum Response {
+    /// The request was fulfilled, and the FMU has reached this time (s).
     Time(f64),
     /// The values of variables.
     Values(Vec<Value>),
@@ -156,7 +155,7 @@ struct Saved {
 }
 
 /// An instance of an FMU.
-pub struct Single {
+pub struct SteppedFmu {
     component: Component<'static>,
     planned: Planned,
     messages: Messages,
@@ -168,7 +167,7 @@ pub struct Single {
     next: u64,
 }
 
-impl Single {
+impl SteppedFmu {
     /// Instantiates an FMU, whose calls are recorded.
     ///
     /// # Errors
@@ -188,26 +187,26 @@ impl Single {
         })
     }
 
-    /// Answers what it is asked.
+    /// Fulfils a request.
     ///
     /// # Errors
     /// The FMU returns an error, or cannot do this.
-    pub fn answer(&mut self, ask: &Ask) -> Result<Answer> {
-        let answer = self.try_answer(ask);
-        self.is_sound &= answer.is_ok();
-        answer
+    pub fn fulfil(&mut self, request: &Request) -> Result<Response> {
+        let response = self.try_to_fulfil(request);
+        self.is_sound &= response.is_ok();
+        response
     }
 
-    fn try_answer(&mut self, ask: &Ask) -> Result<Answer> {
-        if !self.runs && !matches!(ask, Ask::Initialize(_)) {
+    fn try_to_fulfil(&mut self, request: &Request) -> Result<Response> {
+        if !self.runs && !matches!(request, Request::Initialize(_)) {
             bail!("{} is not initialized", self.planned.name);
         }
-        match ask {
-            Ask::Initialize(starts) => {
+        match request {
+            Request::Initialize(starts) => {
                 let called = self.initialize(starts);
-                self.told(called)?;
+                self.with_time(called)?;
             }
-            Ask::Step(step) => {
+            Request::Step(step) => {
                 let is_usable = *step > 0.0 && step.is_finite();
                 // In co-simulation, the FMU decides.
                 ensure!(
@@ -215,34 +214,34 @@ impl Single {
                     "step = {step:?} s is invalid, expected a positive number"
                 );
                 let called = self.step(*step);
-                self.told(called)?;
+                self.with_time(called)?;
             }
-            Ask::Get(scalars) => return self.get(scalars).map(Answer::Values),
-            Ask::Set(values) => self.set(values)?,
-            Ask::Save => return self.save().map(Answer::Saved),
-            Ask::Restore(number) => self.restore(*number)?,
-            Ask::Forget(number) => {
+            Request::Get(scalars) => return self.get(scalars).map(Response::Values),
+            Request::Set(values) => self.set(values)?,
+            Request::Save => return self.save().map(Response::Saved),
+            Request::Restore(number) => self.restore(*number)?,
+            Request::Forget(number) => {
                 if let Some(Saved { state, .. }) = self.saved.remove(number) {
                     self.call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state))?;
                 }
             }
-            Ask::States => {
+            Request::States => {
                 return self.numbers("get_continuous_states", Instance::get_continuous_states);
             }
-            Ask::Derivatives => {
+            Request::Derivatives => {
                 return self.numbers(
                     "get_continuous_state_derivatives",
                     Instance::get_continuous_state_derivatives,
                 );
             }
-            Ask::SetStates(states) => {
+            Request::SetStates(states) => {
                 let count = self.states()?;
                 ensure!(states.len() == count, "{} states, expected {count}", states.len());
                 self.call("set_continuous_states", "continuous states", |instance| {
                     instance.set_continuous_states(states)
                 })?;
             }
-            Ask::Directional(unknowns, knowns, seed) => {
+            Request::Directional(unknowns, knowns, seed) => {
                 let (unknowns, knowns) = (self.references(unknowns)?, self.references(knowns)?);
                 let (given, expected) = (seed.len(), knowns.len());
                 ensure!(given == expected, "the seed has {given} numbers, expected {expected}");
@@ -250,10 +249,10 @@ impl Single {
                 self.call("get_directional_derivative", "directional derivative", |instance| {
                     instance.get_directional_derivative(&unknowns, &knowns, seed, &mut values)
                 })?;
-                return Ok(Answer::Numbers(values));
+                return Ok(Response::Numbers(values));
             }
         }
-        Ok(Answer::Time(self.time))
+        Ok(Response::Time(self.time))
     }
 
     fn call(
@@ -263,13 +262,12 @@ impl Single {
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Result<()> {
         let called = self.component.call(operation, what, call);
-        self.told(called)
+        self.with_time(called)
     }
 
     /// Adds the time to a failure.
-    fn told<T>(&self, called: Called<T>) -> Result<T> {
-        let at =
-            |failure: Box<crate::Failure>| if self.runs { failure.at(self.time) } else { failure };
+    fn with_time<T>(&self, called: Called<T>) -> Result<T> {
+        let at = |failure: Box<RunError>| if self.runs { failure.at(self.time) } else { failure };
         called.map_err(|failure| anyhow::Error::new(*at(failure)))
     }
 
@@ -302,7 +300,7 @@ impl Single {
             let (kind, wired) = (fmu.access(same[0]), Wired::of(&fmu, same.iter().copied()));
             let get = accessor("get", fmu.version, kind);
             let got = self.component.get(kind, get, &wired);
-            values.extend(self.told(got)?);
+            values.extend(self.with_time(got)?);
         }
         Ok(values)
     }
@@ -330,13 +328,13 @@ impl Single {
                     };
                     let event = exchange.at_event(&mut self.component.calling, self.time, set);
                     let what = variable.name.clone();
-                    let event = event.map_err(|trouble| self.component.troubled(trouble, what));
-                    self.told(event)?;
+                    let event = event.map_err(|trouble| self.component.to_error(trouble, what));
+                    self.with_time(event)?;
                 }
                 _ => {
                     let set = accessor("set", fmu.version, kind);
                     let called = self.component.set(kind, set, &wired, &array);
-                    self.told(called)?;
+                    self.with_time(called)?;
                 }
             }
         }
@@ -362,7 +360,7 @@ impl Single {
         let called = self.component.call("set_fmu_state", "restoring a state", |instance| {
             instance.set_fmu_state(&saved.state)
         });
-        self.told(called)?;
+        self.with_time(called)?;
         self.time = time;
         self.component.exchange = exchange;
         self.messages.record().at(self.time);
@@ -381,12 +379,12 @@ impl Single {
         &mut self,
         operation: &str,
         get: impl FnOnce(&mut Instance, &mut [f64]) -> fmu_host::Result,
-    ) -> Result<Answer> {
+    ) -> Result<Response> {
         let mut numbers = vec![0.0; self.states()?];
         if !numbers.is_empty() {
             self.call(operation, "", |i| get(i, &mut numbers))?;
         }
-        Ok(Answer::Numbers(numbers))
+        Ok(Response::Numbers(numbers))
     }
 
     /// The value references of scalars.
@@ -402,7 +400,7 @@ impl Single {
     }
 }
 
-impl Drop for Single {
+impl Drop for SteppedFmu {
     /// Frees the saved states.
     fn drop(&mut self) {
         for Saved { state, .. } in std::mem::take(&mut self.saved).into_values() {
@@ -415,24 +413,24 @@ impl Drop for Single {
     }
 }
 
-/// Answers another process, which has started this one for an FMU, until it has no more questions.
+/// Fulfils the requests of the supervisor of this worker process, until there are no more.
 ///
 /// # Errors
-/// A question is damaged.
-pub fn work(service: &mut Service, setup: &Setup) -> Result<()> {
-    let failed = |error| Failed::new(Vec::new(), &error);
-    let mut single = match Single::new(setup, service.record()) {
-        Ok(single) => single,
+/// A request is damaged.
+pub fn serve(service: &mut Service, setup: &Setup) -> Result<()> {
+    let failed = |error| RunError::new(error, Vec::new());
+    let mut fmu = match SteppedFmu::new(setup, service.record()) {
+        Ok(fmu) => fmu,
         Err(error) => {
-            service.reply(&Err::<Answer, _>(failed(error)));
+            service.reply(&Err::<Response, _>(failed(error)));
             return Ok(());
         }
     };
-    service.reply(&Ok::<_, Failed>(Answer::Time(single.time)));
-    while let Some(ask) = service.task()? {
-        let answer = single.answer(&ask);
-        single.messages.record().end_call();
-        service.reply(&answer.map_err(failed));
+    service.reply(&Ok::<_, RunError>(Response::Time(fmu.time)));
+    while let Some(request) = service.task()? {
+        let response = fmu.fulfil(&request);
+        fmu.messages.record().end_call();
+        service.reply(&response.map_err(failed));
     }
     Ok(())
 }
