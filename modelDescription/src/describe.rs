@@ -14,7 +14,7 @@ use crate::{
 /// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
 /// a binary has its fields in this order.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
-pub struct Description {
+pub struct ExportedModel {
     /// Name of the model and its `modelIdentifier`: a C identifier.
     pub name: String,
     /// Description of the model.
@@ -54,7 +54,7 @@ pub struct Origin {
 
 /// Writes the model description of a version of FMI.
 pub(crate) struct Writer<'a> {
-    pub(crate) model: &'a Description,
+    pub(crate) model: &'a ExportedModel,
     version: FmiVersion,
     /// The variables that the version lists, in the order of their value references.
     pub(crate) variables: Vec<Variable>,
@@ -70,7 +70,7 @@ const LISTS: [List; 4] = [
     ("", "EventIndicator", Variable::is_event_indicator),
 ];
 
-impl Description {
+impl ExportedModel {
     /// Generates the model description of a version of FMI, in the order of the standard's schema. FMI 2.0
     /// has each element of an array that is in use, and leaves out the variables that it cannot express.
     ///
@@ -139,17 +139,17 @@ impl Description {
     /// The scalar variables: their value references, their variables, and their elements.
     pub fn scalars(&self) -> impl Iterator<Item = (usize, &Variable, usize)> {
         (self.variables.iter())
-            .flat_map(|v| (0..v.count()).map(move |element| (v, element)))
+            .flat_map(|v| (0..v.element_count()).map(move |element| (v, element)))
             .map(|(v, element)| (v.reference as usize + element, v, element))
     }
 
     /// The number of elements of a variable that are in use by default: the start value of its
     /// structural parameter.
-    pub fn elements(&self, v: &Variable) -> usize {
+    pub fn elements_in_use(&self, v: &Variable) -> usize {
         let is_size = |other: &&Variable| Some(other.reference as usize) == v.exported.size;
         let start = (self.variables.iter().find(is_size)).and_then(|size| size.start.first());
         let size = start.and_then(|size| usize::try_from(size.as_whole()?).ok());
-        size.map_or(v.count(), |size| size.min(v.count()))
+        size.map_or(v.element_count(), |size| size.min(v.element_count()))
     }
 
     /// Whether a host can solve the model by model exchange: by its equations, or at its sample instants.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::Description;
+use crate::ExportedModel;
 use crate::hash::checksum;
 use crate::interface::{CHECKSUM, MAGIC, VERSION};
 
@@ -16,7 +16,7 @@ const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
 ///
 /// # Errors
 /// A copy is damaged, or of another version of the format.
-pub fn read_interfaces(binary: &[u8]) -> Result<Vec<Description>> {
+pub fn read_interfaces(binary: &[u8]) -> Result<Vec<ExportedModel>> {
     let mut models = Vec::new();
     let mut end = 0;
     while let Some(copy) = next_copy(binary, end)? {
@@ -60,13 +60,13 @@ fn next_copy(binary: &[u8], from: usize) -> Result<Option<Range<usize>>> {
     Ok(Some(from + at..from + at + length))
 }
 
-fn description(copy: &[u8]) -> Result<Description> {
+fn description(copy: &[u8]) -> Result<ExportedModel> {
     let copy = copy.split_last_chunk::<CHECKSUM>();
     let (content, sum) = copy.context("it ends too early")?;
     let is_whole = checksum(content).to_le_bytes() == *sum;
     ensure!(is_whole, "its checksum is wrong");
     let content = content.get(HEADER..).context("it ends too early")?;
-    let model: Description = postcard::from_bytes(content)?;
+    let model: ExportedModel = postcard::from_bytes(content)?;
     let mut reference = 0_u32;
     for v in &model.variables {
         ensure!(v.reference == reference, "a value reference is wrong");

@@ -1,16 +1,16 @@
 //! The model description of FMI 2.0.
 
-use crate::describe::{Description, Writer};
-use crate::variable::{Exported, Variable};
+use crate::describe::{ExportedModel, Writer};
+use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
 use crate::{Causality, Dynamics, Type, Value, Variability};
 
 /// The scalar variables that FMI 2.0 can express, of arrays the elements that are in use by default.
-pub(crate) fn variables(model: &Description) -> Vec<Variable> {
+pub(crate) fn variables(model: &ExportedModel) -> Vec<Variable> {
     let is_in = |v: &&Variable| v.causality != Causality::StructuralParameter && lacks(v).is_none();
     let variables = model.variables.iter().filter(is_in);
     variables
-        .flat_map(|v| (0..model.elements(v)).map(move |element| scalar(model, v, element)))
+        .flat_map(|v| (0..model.elements_in_use(v)).map(move |element| scalar(model, v, element)))
         .collect()
 }
 
@@ -31,7 +31,7 @@ pub(crate) fn lacks(v: &Variable) -> Option<&'static str> {
 
 /// An element of a variable. It depends on the elements of arrays of other dimensions, and on the same element of an
 /// array of the same ones. A type of whole numbers other than Integer has its bounds.
-fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
+fn scalar(model: &ExportedModel, v: &Variable, element: usize) -> Variable {
     let from = |other: &&Variable| {
         let references = v.exported.initially_from.as_deref();
         references.is_some_and(|all| all.contains(&(other.reference as usize)))
@@ -39,7 +39,7 @@ fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
     let elements_of = |other: &Variable| {
         let first = other.reference as usize;
         match v.dimensions.is_empty() || v.dimensions != other.dimensions {
-            true => first..first + model.elements(other),
+            true => first..first + model.elements_in_use(other),
             false => first + element..first + element + 1,
         }
     };
@@ -63,7 +63,7 @@ fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
         min,
         max,
         start: v.start.get(element).cloned().into_iter().collect(),
-        exported: Exported {
+        exported: ExportInfo {
             dynamics: match v.exported.dynamics {
                 Dynamics::Derivative { of } => Dynamics::Derivative { of: of + element },
                 other => other,

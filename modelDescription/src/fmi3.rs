@@ -2,8 +2,8 @@
 
 use anyhow::{Result, bail, ensure};
 
-use crate::describe::Description;
-use crate::variable::{Exported, Variable};
+use crate::describe::ExportedModel;
+use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
 use crate::{Causality, FmiVersion, Variability};
 
@@ -12,20 +12,20 @@ const TIME: &str = "time";
 
 /// The variables, with the start values that are in use by default, and the independent variable, whose value
 /// reference comes after all scalars.
-pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
+pub(crate) fn variables(model: &ExportedModel) -> Result<Vec<Variable>> {
     ensure!(
         model.variables.iter().all(|v| v.name != TIME),
         "a variable of {} has the name {TIME:?}, which is the name of the independent variable of FMI 3.0; expected another name",
         model.name,
     );
-    if let Some(empty) = model.variables.iter().find(|v| model.elements(v) == 0) {
+    if let Some(empty) = model.variables.iter().find(|v| model.elements_in_use(v) == 0) {
         bail!(
             "no element of {} is in use; expected a structural parameter that starts at 1 or more in FMI 3.0",
             empty.name
         );
     }
     let variables = model.variables.iter().map(|v| {
-        let start = v.start.iter().take(model.elements(v));
+        let start = v.start.iter().take(model.elements_in_use(v));
         Variable { start: start.cloned().collect(), ..v.clone() }
     });
     let time = Variable {
@@ -35,14 +35,14 @@ pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
         causality: Causality::Independent,
         variability: Variability::Continuous,
         unit: Some("s".into()),
-        exported: Exported { nominal: 1.0, ..Exported::default() },
+        exported: ExportInfo { nominal: 1.0, ..ExportInfo::default() },
         ..Variable::default()
     };
     Ok(variables.chain([time]).collect())
 }
 
 /// Adds the types of interfaces, with the capabilities of the C interface of `fmu-export`.
-pub(crate) fn interfaces(model: &Description, root: Element<'static>) -> Element<'static> {
+pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Element<'static> {
     // The attributes that all types have (FMI 3.0.2, section 2.4.2).
     let has_derivatives = model.has_all_derivatives();
     let interface = |name| {
@@ -72,7 +72,7 @@ pub(crate) fn interfaces(model: &Description, root: Element<'static>) -> Element
 /// Corners of the icon and of the coordinate system that it fills.
 const CORNERS: [(&str, i32); 4] = [("x1", -100), ("y1", -100), ("x2", 100), ("y2", 100)];
 
-impl Description {
+impl ExportedModel {
     /// Generates `terminalsAndIcons.xml` of FMI 3.0; `None` if there is neither a terminal nor an icon.
     /// Two terminals match if they have members of the same names.
     ///

@@ -5,7 +5,9 @@
 //! the parts that make up the identity of the interface.
 
 use crate::hash::{Hash, checksum};
-use crate::table::{Bounds, Constant, Dynamics, Field, Scalar, Start, each, each_variable};
+use crate::table::{
+    Bounds, Constant, Declaration, Dynamics, ScalarVariable, StartValues, each, each_variable,
+};
 use crate::{Causality, Initial, Type, Value, Variability};
 
 /// All that an FMU binary knows of a model's interface.
@@ -28,7 +30,7 @@ pub struct Interface {
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
     pub tolerance: f64,
     /// The first scalars of all variables, at their value references, as [`scalars`](crate::table::scalars) returns them.
-    pub scalars: &'static [Scalar],
+    pub scalars: &'static [ScalarVariable],
     /// Start values that differ from the table.
     pub overrides: Overrides,
 }
@@ -106,7 +108,7 @@ impl Override {
     }
 
     /// The type of the variable, or of the array of which it is an element.
-    const fn of_type(&self, scalars: &[Scalar]) -> Type {
+    const fn of_type(&self, scalars: &[ScalarVariable]) -> Type {
         let mut of_type = Type::Float64;
         each_variable!(i, scalar in scalars => {
             if i <= self.reference {
@@ -191,7 +193,7 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
 }
 
 /// Adds the identity of a variable to a hash.
-const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
+const fn identify(scalar: &ScalarVariable, mut hash: Hash) -> Hash {
     let field = scalar.variable;
     each!(prefix in scalar.prefixes => { hash = hash.text(prefix); });
     hash = (hash.text(field.name))
@@ -206,12 +208,12 @@ const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
         Dynamics::EventIndicator => hash.bytes(&[3]),
     };
     hash = match field.start {
-        Start::Float32(_) => hash.bytes(&[0, 1]).text(field.unit),
-        Start::Float64(_) => hash.bytes(&[0, 0]).text(field.unit),
-        Start::Boolean(_) => hash.bytes(&[2]),
-        Start::Enumeration(_, of) => hash.bytes(&[3]).text(of.name),
-        Start::String(_) => hash.bytes(&[4]),
-        Start::Binary(_) => hash.bytes(&[5]).text(field.mime_type),
+        StartValues::Float32(_) => hash.bytes(&[0, 1]).text(field.unit),
+        StartValues::Float64(_) => hash.bytes(&[0, 0]).text(field.unit),
+        StartValues::Boolean(_) => hash.bytes(&[2]),
+        StartValues::Enumeration(_, of) => hash.bytes(&[3]).text(of.name),
+        StartValues::String(_) => hash.bytes(&[4]),
+        StartValues::Binary(_) => hash.bytes(&[5]).text(field.mime_type),
         _ => hash.bytes(&[1, field.start.of_type() as u8 - Type::Int8 as u8]),
     };
     hash = match field.bounds {
@@ -266,7 +268,7 @@ const fn written<const N: usize>(interface: &Interface) -> Writer<N> {
     writer
 }
 
-/// Writes the first `N` bytes of a copy, and counts the others: a `Description`, as postcard reads it.
+/// Writes the first `N` bytes of a copy, and counts the others: a `ExportedModel`, as postcard reads it.
 struct Writer<const N: usize> {
     bytes: [u8; N],
     length: usize,
@@ -386,7 +388,7 @@ impl<const N: usize> Writer<N> {
         self.declared_type(&field.start);
     }
 
-    const fn exported(&mut self, scalar: &Scalar, scalars: &[Scalar]) {
+    const fn exported(&mut self, scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
         let field = scalar.variable;
         self.raw(&[field.has_input_derivative as u8]);
         match field.dynamics {
@@ -399,7 +401,7 @@ impl<const N: usize> Writer<N> {
             Dynamics::EventIndicator => self.raw(&[3]),
         }
         self.raw(&field.nominal.to_le_bytes());
-        match scalar.size(scalars) {
+        match scalar.size_parameter(scalars) {
             None => self.raw(&[0]),
             Some(size) => {
                 self.raw(&[1]);
@@ -417,16 +419,21 @@ impl<const N: usize> Writer<N> {
         self.text(field.terminal.as_bytes());
     }
 
-    const fn references(&mut self, names: &[&str], scalar: &Scalar, scalars: &[Scalar]) {
+    const fn references(
+        &mut self,
+        names: &[&str],
+        scalar: &ScalarVariable,
+        scalars: &[ScalarVariable],
+    ) {
         self.number(names.len() as u128);
         each!(name in names => { self.number(scalar.position(name, scalars) as u128); });
     }
 
     /// Adds the smallest and the largest value, or none if the type has the same.
-    const fn bounds(&mut self, field: &Field) {
+    const fn bounds(&mut self, field: &Declaration) {
         let of_type = field.start.of_type();
         let both = match (field.bounds, field.start) {
-            (Bounds::None, Start::Enumeration(_, of)) => of.bounds(),
+            (Bounds::None, StartValues::Enumeration(_, of)) => of.bounds(),
             (bounds, _) => bounds,
         };
         let (low, high) = of_type.range();
@@ -445,7 +452,7 @@ impl<const N: usize> Writer<N> {
     }
 
     /// Adds the start values; a variant replaces some.
-    const fn start(&mut self, start: &Start, reference: usize, overrides: Overrides) {
+    const fn start(&mut self, start: &StartValues, reference: usize, overrides: Overrides) {
         let of_type = start.of_type();
         self.number(start.len() as u128);
         let mut i = 0;
@@ -459,8 +466,8 @@ impl<const N: usize> Writer<N> {
         }
     }
 
-    const fn declared_type(&mut self, start: &Start) {
-        let Start::Enumeration(_, of) = start else { return self.raw(&[0]) };
+    const fn declared_type(&mut self, start: &StartValues) {
+        let StartValues::Enumeration(_, of) = start else { return self.raw(&[0]) };
         self.raw(&[1]);
         self.text(of.name.as_bytes());
         self.text(of.description.as_bytes());

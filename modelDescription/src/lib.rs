@@ -1,7 +1,7 @@
 //! Model descriptions of FMI 2.0.5 and 3.0.2.
 //!
 //! A model declares its interface once: `#[derive(Model)]` of the crate `fmu-export` turns the fields of
-//! a struct into a table of [`Row`]s (names, units, starts, bounds, causality) and the access to their
+//! a struct into a table of [`TableRow`]s (names, units, starts, bounds, causality) and the access to their
 //! values ([`Variables`]). The FMU binary checks and accesses values through the table, a [`hash`] of
 //! it is the GUID, and a copy of it in the binary becomes the `modelDescription.xml`, so that the three
 //! cannot drift apart.
@@ -34,18 +34,18 @@ pub mod words;
 pub mod xml;
 
 #[cfg(feature = "xml")]
-pub use describe::{Description, Origin};
+pub use describe::{ExportedModel, Origin};
 #[cfg(feature = "xml")]
 pub use embedded::{erase_interfaces, read_interfaces};
 pub use fmi_abi::FmiVersion;
 pub use interface::{Interface, Overrides};
 #[cfg(feature = "xml")]
-pub use model::{Listed, ModelDescription, Unknown};
-pub use table::{Dynamics, Row, Scalar};
+pub use model::{ModelDescription, Unknown, XmlVariable};
+pub use table::{Dynamics, ScalarVariable, TableRow};
 pub use unit::Unit;
 pub use value::Value;
 #[cfg(feature = "xml")]
-pub use variable::{DeclaredType, Exported, Item, Variable};
+pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
 #[doc(hidden)]
 pub use variables::derive;
 pub use variables::{AnyChoice, Choice, Damaged, Loader, Saver, Variables};

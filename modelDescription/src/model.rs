@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::{Result, bail, ensure};
 
 use crate::value::{items, real, unsigneds, whole};
-use crate::variable::{DeclaredType, Item, Variable};
+use crate::variable::{DeclaredType, EnumerationItem, Variable};
 use crate::words::{is_reserved_in_modelica, modelica_name};
 use crate::xml::{Element, quote};
 use crate::{Causality, FmiVersion, Initial, Type, Value, Variability};
@@ -19,7 +19,7 @@ pub struct ModelDescription<'a> {
     /// Its version of FMI.
     pub version: FmiVersion,
     /// The variables; `None` for an invalid one, so that indices stay correct.
-    pub variables: Vec<Option<Listed<'a>>>,
+    pub variables: Vec<Option<XmlVariable<'a>>>,
     /// `Outputs` of the model structure; in FMI 3.0 `Output`.
     pub outputs: Vec<Unknown<'a>>,
     /// `Derivatives` of the model structure; in FMI 3.0 `ContinuousStateDerivative`.
@@ -35,7 +35,7 @@ pub struct ModelDescription<'a> {
 }
 
 /// A variable of a model description, and its elements.
-pub struct Listed<'a> {
+pub struct XmlVariable<'a> {
     variable: Variable,
     /// Its element.
     pub element: &'a Element<'a>,
@@ -47,7 +47,7 @@ pub struct Listed<'a> {
     is_sized: bool,
 }
 
-impl Deref for Listed<'_> {
+impl Deref for XmlVariable<'_> {
     type Target = Variable;
 
     fn deref(&self) -> &Variable {
@@ -87,7 +87,7 @@ impl<'a> ModelDescription<'a> {
         let sizes: Sizes = all().filter_map(size).collect();
         let variables: Vec<_> = all()
             .filter(|child| version == FmiVersion::Fmi3 || child.name == "ScalarVariable")
-            .map(|element| Listed::read(element, version, &types, &sizes))
+            .map(|element| XmlVariable::read(element, version, &types, &sizes))
             .collect();
         // The first of several with the same value reference is collected last.
         let indices = variables.iter().enumerate().rev();
@@ -176,13 +176,13 @@ impl<'a> ModelDescription<'a> {
     }
 
     /// The valid variables with their indices from 1.
-    pub fn variables(&self) -> impl Iterator<Item = (usize, &Listed<'a>)> {
+    pub fn variables(&self) -> impl Iterator<Item = (usize, &XmlVariable<'a>)> {
         (1..).zip(&self.variables).filter_map(|(index, v)| Some((index, v.as_ref()?)))
     }
 
     /// The variables with names that tools for Modelica cannot import as they are, and the reasons: keywords, `time` if
     /// it is not the independent variable, and names that differ only in characters that become `_`.
-    pub fn unimportable(&self) -> Vec<(&Listed<'a>, String)> {
+    pub fn unimportable(&self) -> Vec<(&XmlVariable<'a>, String)> {
         let mut known: HashMap<String, &str> = HashMap::new();
         let mut found = Vec::new();
         for (_, variable) in self.variables() {
@@ -221,12 +221,12 @@ impl<'a> ModelDescription<'a> {
     }
 
     /// The variable with the given index, from 1.
-    pub fn variable(&self, index: impl Into<Option<usize>>) -> Option<&Listed<'a>> {
+    pub fn variable(&self, index: impl Into<Option<usize>>) -> Option<&XmlVariable<'a>> {
         self.variables.get(index.into()?.checked_sub(1)?)?.as_ref()
     }
 
     /// The variable to which an attribute refers.
-    pub fn referred(&self, element: &Element<'_>, attribute: &str) -> Option<&Listed<'a>> {
+    pub fn referred(&self, element: &Element<'_>, attribute: &str) -> Option<&XmlVariable<'a>> {
         self.variable(self.index(whole(element.attribute(attribute)?)?))
     }
 
@@ -270,7 +270,7 @@ impl<'a> ModelDescription<'a> {
     }
 }
 
-impl<'a> Listed<'a> {
+impl<'a> XmlVariable<'a> {
     fn read(
         element: &'a Element<'a>,
         version: FmiVersion,
@@ -405,7 +405,7 @@ fn text(element: &Element<'_>, name: &str) -> String {
 /// A defined type; `value` has its items.
 fn declared_type(defined: &Element<'_>, value: &Element<'_>) -> DeclaredType {
     let items = value.children("Item").filter_map(|element| {
-        Some(Item {
+        Some(EnumerationItem {
             name: element.attribute("name")?.to_owned(),
             value: whole(element.attribute("value")?)?,
             description: text(element, "description"),
@@ -477,7 +477,7 @@ mod tests {
     fn variables(document: &str) -> String {
         let root = parse(document).unwrap();
         let model = ModelDescription::read(&root).unwrap();
-        let line = |(index, v): (usize, &Listed<'_>)| {
+        let line = |(index, v): (usize, &XmlVariable<'_>)| {
             let items = v.items().iter().map(|item| (&item.name, item.value));
             let items: Vec<_> = items.collect();
             let (starts, aliases) = (v.starts(), v.aliases().collect::<Vec<_>>());

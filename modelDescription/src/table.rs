@@ -29,7 +29,7 @@ macro_rules! each_variable {
         let mut next = 0;
         while next < scalars.len() {
             let ($i, $scalar) = (next, &scalars[next]);
-            next += $scalar.variable.count();
+            next += $scalar.variable.element_count();
             $body
         }
     }};
@@ -44,9 +44,9 @@ pub const MAX_NAME: usize = 63;
 /// A row of a table.
 #[derive(Debug, Clone, Copy)]
 #[allow(clippy::large_enum_variant, reason = "most rows are fields")]
-pub enum Row {
+pub enum TableRow {
     /// A variable.
-    Field(Field),
+    Variable(Declaration),
     /// The rows of a nested struct.
     Group {
         /// Prefix of their names; empty if they keep their names.
@@ -54,13 +54,13 @@ pub enum Row {
         /// Offset of the nested struct in bytes.
         offset: usize,
         /// The rows.
-        rows: &'static [Row],
+        rows: &'static [TableRow],
     },
 }
 
 /// A field that is a variable: a scalar, or an array of scalars `name[1]`, `name[2]`, ...
 #[derive(Debug, Clone, Copy)]
-pub struct Field {
+pub struct Declaration {
     /// Name, unique in its struct; may be structured (`pid.kp`).
     pub name: &'static str,
     /// A short description.
@@ -77,7 +77,7 @@ pub struct Field {
     /// first ones of an array; empty if all are.
     pub size: &'static str,
     /// Type and start values.
-    pub start: Start,
+    pub start: StartValues,
     /// The values that it may have.
     pub bounds: Bounds,
     /// Unit of the start values and the bounds; empty if it has none. See [`Unit`](crate::Unit).
@@ -188,9 +188,9 @@ pub struct Item {
 
 /// A scalar variable of a model: a variable, or an element of an array.
 #[derive(Debug, Clone, Copy)]
-pub struct Scalar {
+pub struct ScalarVariable {
     /// The variable.
-    pub variable: &'static Field,
+    pub variable: &'static Declaration,
     /// Prefixes of the groups that contain it, from the outermost.
     pub prefixes: [&'static str; MAX_DEPTH],
     /// Index of the element in row-major order, from 0.
@@ -208,7 +208,7 @@ macro_rules! starts {
         /// calculates the initial value.
         #[derive(Debug, Clone, Copy)]
         #[allow(missing_docs, reason = "the types of FMI 3.0")]
-        pub enum Start {
+        pub enum StartValues {
             $($real(&'static [$real_type]),)*
             $($whole(&'static [$whole_type]),)*
             Boolean(&'static [bool]),
@@ -218,7 +218,7 @@ macro_rules! starts {
             Enumeration(&'static [i32], &'static Enumeration),
         }
 
-        impl Start {
+        impl StartValues {
             /// The type.
             pub const fn of_type(&self) -> Type {
                 match self {
@@ -265,7 +265,7 @@ macro_rules! starts {
 }
 crate::types!(starts!);
 
-impl Start {
+impl StartValues {
     /// Whether the model calculates the initial value.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
@@ -307,25 +307,25 @@ impl Bounds {
     }
 }
 
-impl Field {
+impl Declaration {
     /// Number of scalar variables it represents.
-    pub const fn count(&self) -> usize {
+    pub const fn element_count(&self) -> usize {
         let mut count = 1;
         each!(size in self.dimensions => { count *= *size; });
         count
     }
 }
 
-impl Scalar {
+impl ScalarVariable {
     /// Offset in the outermost struct in bytes.
-    pub const fn place(&self) -> usize {
+    pub const fn absolute_offset(&self) -> usize {
         self.offset + self.variable.offset + self.element * self.variable.start.element_size()
     }
 
     /// Offset of an `f64` in the outermost struct in bytes; `None` if it has another type.
     pub const fn offset_of_real(&self) -> Option<usize> {
         match self.variable.start {
-            Start::Float64(_) => Some(self.place()),
+            StartValues::Float64(_) => Some(self.absolute_offset()),
             _ => None,
         }
     }
@@ -333,7 +333,9 @@ impl Scalar {
     /// Offset of a structural parameter, a `u64`, in the outermost struct in bytes.
     pub const fn offset_of_size(&self) -> Option<usize> {
         match (self.variable.causality, self.variable.start) {
-            (Causality::StructuralParameter, Start::UInt64(_)) => Some(self.place()),
+            (Causality::StructuralParameter, StartValues::UInt64(_)) => {
+                Some(self.absolute_offset())
+            }
             _ => None,
         }
     }
@@ -364,7 +366,7 @@ impl Scalar {
     }
 
     /// Index of the state of which it is the derivative; `None` if it is no derivative.
-    pub const fn state(&self, scalars: &[Self]) -> Option<usize> {
+    pub const fn state_index(&self, scalars: &[Self]) -> Option<usize> {
         match self.variable.dynamics {
             Dynamics::Derivative { of } => Some(self.position(of, scalars) + self.element),
             _ => None,
@@ -372,7 +374,7 @@ impl Scalar {
     }
 
     /// Index of the structural parameter that is its number of elements in use; `None` if all are.
-    pub const fn size(&self, scalars: &[Self]) -> Option<usize> {
+    pub const fn size_parameter(&self, scalars: &[Self]) -> Option<usize> {
         match self.variable.size.is_empty() {
             true => None,
             false => Some(self.position(self.variable.size, scalars)),
@@ -380,9 +382,9 @@ impl Scalar {
     }
 
     /// The number of elements of its variable that are in use if no structural parameter is changed.
-    pub const fn elements(&self, scalars: &[Self]) -> usize {
-        let count = self.variable.count();
-        if let Some(size) = self.size(scalars)
+    pub const fn elements_in_use(&self, scalars: &[Self]) -> usize {
+        let count = self.variable.element_count();
+        if let Some(size) = self.size_parameter(scalars)
             && let start = scalars[size].variable.start
             && !start.is_empty()
             && let Constant::Whole(size) = start.get(0)
@@ -447,12 +449,12 @@ fn state_of(name: &str) -> Option<&str> {
 }
 
 /// Number of scalar variables in a table.
-pub const fn count(rows: &[Row]) -> usize {
+pub const fn scalar_count(rows: &[TableRow]) -> usize {
     let mut sum = 0;
     each!(row in rows => {
         sum += match row {
-            Row::Field(field) => field.count(),
-            Row::Group { rows, .. } => count(rows),
+            TableRow::Variable(field) => field.element_count(),
+            TableRow::Group { rows, .. } => scalar_count(rows),
         };
     });
     sum
@@ -460,19 +462,23 @@ pub const fn count(rows: &[Row]) -> usize {
 
 /// Calls a function with all variables of some rows and their offsets in the outermost struct, in which that of
 /// the rows is `base`.
-pub fn each_field(rows: &'static [Row], base: usize, call: &mut dyn FnMut(&'static Field, usize)) {
+pub fn each_declaration(
+    rows: &'static [TableRow],
+    base: usize,
+    call: &mut dyn FnMut(&'static Declaration, usize),
+) {
     for row in rows {
         match row {
-            Row::Field(field) => call(field, base + field.offset),
-            Row::Group { offset, rows, .. } => each_field(rows, base + offset, call),
+            TableRow::Variable(field) => call(field, base + field.offset),
+            TableRow::Group { offset, rows, .. } => each_declaration(rows, base + offset, call),
         }
     }
 }
 
-/// The first scalars of all variables of a table, at their value references. `N` is [`count`] of the table. The places
+/// The first scalars of all variables of a table, at their value references. `N` is [`scalar_count`] of the table. The places
 /// of other elements of arrays are without a variable: an array may have so many that the compiler would take minutes.
-pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
-    const NONE: &Field = &Field {
+pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariable; N] {
+    const NONE: &Declaration = &Declaration {
         name: "",
         description: "",
         offset: 0,
@@ -480,7 +486,7 @@ pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
         variability: Variability::Continuous,
         dimensions: &[],
         size: "",
-        start: Start::Boolean(&[]),
+        start: StartValues::Boolean(&[]),
         bounds: Bounds::None,
         unit: "",
         mime_type: "",
@@ -491,38 +497,39 @@ pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
         has_input_derivative: false,
         terminal: "",
     };
-    let mut all = [Scalar { variable: NONE, prefixes: [""; MAX_DEPTH], element: 0, offset: 0 }; N];
+    let mut all =
+        [ScalarVariable { variable: NONE, prefixes: [""; MAX_DEPTH], element: 0, offset: 0 }; N];
     let mut i = 0;
-    while let Some(first) = find_scalar(rows, i) {
+    while let Some(first) = scalar_at(rows, i) {
         all[i] = first;
-        i += first.variable.count();
+        i += first.variable.element_count();
     }
     all
 }
 
 /// The scalar variable with the given number.
-pub const fn find_scalar(rows: &'static [Row], mut index: usize) -> Option<Scalar> {
-    find(rows, ([""; MAX_DEPTH], 0, 0), &mut index)
+pub const fn scalar_at(rows: &'static [TableRow], mut index: usize) -> Option<ScalarVariable> {
+    scalar_in_group(rows, ([""; MAX_DEPTH], 0, 0), &mut index)
 }
 
-/// As [`find_scalar`], in a group with these prefixes, their number, and this offset. Subtracts the variables that come
+/// As [`scalar_at`], in a group with these prefixes, their number, and this offset. Subtracts the variables that come
 /// before from the index.
-const fn find(
-    rows: &'static [Row],
+const fn scalar_in_group(
+    rows: &'static [TableRow],
     (prefixes, depth, base): ([&'static str; MAX_DEPTH], usize, usize),
     index: &mut usize,
-) -> Option<Scalar> {
+) -> Option<ScalarVariable> {
     each!(row in rows => {
         match row {
-            Row::Field(variable) if *index < variable.count() => {
-                return Some(Scalar { variable, prefixes, element: *index, offset: base });
+            TableRow::Variable(variable) if *index < variable.element_count() => {
+                return Some(ScalarVariable { variable, prefixes, element: *index, offset: base });
             }
-            Row::Field(variable) => *index -= variable.count(),
-            Row::Group { prefix, offset, rows } => {
+            TableRow::Variable(variable) => *index -= variable.element_count(),
+            TableRow::Group { prefix, offset, rows } => {
                 assert!(depth < MAX_DEPTH, "structs are nested more than 4 deep");
                 let mut inner = prefixes;
                 inner[depth] = prefix;
-                let found = find(rows, (inner, depth + 1, base + *offset), index);
+                let found = scalar_in_group(rows, (inner, depth + 1, base + *offset), index);
                 if found.is_some() {
                     return found;
                 }
@@ -533,42 +540,45 @@ const fn find(
 }
 
 /// A variable of some rows with a full name of this hash, if there is one.
-pub(crate) const fn find_name(rows: &'static [Row], hash: u128) -> Option<Scalar> {
+pub(crate) const fn variable_with_hash(
+    rows: &'static [TableRow],
+    hash: u128,
+) -> Option<ScalarVariable> {
     let mut i = 0;
-    while let Some(scalar) = find_scalar(rows, i) {
+    while let Some(scalar) = scalar_at(rows, i) {
         if scalar.hash(scalar.variable.name) == hash {
             return Some(scalar);
         }
-        i += scalar.variable.count();
+        i += scalar.variable.element_count();
     }
     None
 }
 
 /// The name of a variable of the row `group` that has the full name of a variable of the row `other`.
 pub(crate) const fn shared_name(
-    rows: &'static [Row],
+    rows: &'static [TableRow],
     group: usize,
     other: usize,
 ) -> Option<&'static str> {
     let (group, other) = (row(rows, group), row(rows, other));
     let mut i = 0;
-    while let Some(scalar) = find_scalar(group, i) {
-        if find_name(other, scalar.hash(scalar.variable.name)).is_some() {
+    while let Some(scalar) = scalar_at(group, i) {
+        if variable_with_hash(other, scalar.hash(scalar.variable.name)).is_some() {
             return Some(scalar.variable.name);
         }
-        i += scalar.variable.count();
+        i += scalar.variable.element_count();
     }
     None
 }
 
 /// A single row.
-const fn row(rows: &'static [Row], index: usize) -> &'static [Row] {
+const fn row(rows: &'static [TableRow], index: usize) -> &'static [TableRow] {
     rows.split_at(index).1.split_at(1).0
 }
 
 /// Fails the compilation if two variables have the same name, a name is too long, or a variable
 /// depends on one that does not exist. The derive macros check the rest.
-pub const fn check<const N: usize>(scalars: &[Scalar; N]) {
+pub const fn check<const N: usize>(scalars: &[ScalarVariable; N]) {
     each_variable!(i, scalar in scalars => {
         assert!(
             scalar.last_name_length() <= MAX_NAME,
@@ -593,8 +603,8 @@ pub const fn check<const N: usize>(scalars: &[Scalar; N]) {
 
 /// Fails the compilation if the number of elements in use of an array is no structural parameter, or may
 /// exceed the array.
-const fn check_size(scalar: &Scalar, scalars: &[Scalar]) {
-    let Some(size) = scalar.size(scalars) else { return };
+const fn check_size(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
+    let Some(size) = scalar.size_parameter(scalars) else { return };
     assert!(size < scalars.len(), "`size` names a variable that does not exist");
     assert!(
         scalars[size].offset_of_size().is_some(),
@@ -602,14 +612,14 @@ const fn check_size(scalar: &Scalar, scalars: &[Scalar]) {
     );
     if let Bounds::Whole(_, max) = scalars[size].variable.bounds {
         assert!(
-            max <= scalar.variable.count() as i128,
+            max <= scalar.variable.element_count() as i128,
             "a structural parameter may exceed the size of an array"
         );
     }
 }
 
 /// Fails the compilation if a state has no derivative, or a derivative no state.
-const fn check_dynamics(scalar: &Scalar, scalars: &[Scalar]) {
+const fn check_dynamics(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
     match scalar.variable.dynamics {
         Dynamics::State => {
             let hash = scalar.hash(scalar.variable.name);
@@ -632,7 +642,7 @@ const fn check_dynamics(scalar: &Scalar, scalars: &[Scalar]) {
                 "a derivative of a variable that is not a state"
             );
             assert!(
-                state.count() == scalar.variable.count(),
+                state.element_count() == scalar.variable.element_count(),
                 "a derivative needs as many elements as its state"
             );
         }

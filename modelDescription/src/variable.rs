@@ -28,7 +28,7 @@ pub struct Variable {
     /// scalar.
     pub dimensions: Vec<usize>,
     /// What is known if it is exported; empty for a variable of a model description.
-    pub exported: Exported,
+    pub exported: ExportInfo,
     /// Its type.
     pub of_type: Type,
     /// Its unit, if it has one.
@@ -49,7 +49,7 @@ pub struct Variable {
 /// What an exporter knows of a variable, and a model description has elsewhere. Of an array, value references
 /// are those of the first element.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
-pub struct Exported {
+pub struct ExportInfo {
     /// Whether the host may set its time derivative.
     pub has_input_derivative: bool,
     /// Its part in the differential equations; a derivative has the value reference of its state.
@@ -76,12 +76,12 @@ pub struct DeclaredType {
     /// A short description.
     pub description: String,
     /// The items of an enumeration; none for other types.
-    pub items: Vec<Item>,
+    pub items: Vec<EnumerationItem>,
 }
 
 /// An item of an enumeration.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-pub struct Item {
+pub struct EnumerationItem {
     /// Its name.
     pub name: String,
     /// Its number.
@@ -92,7 +92,7 @@ pub struct Item {
 
 impl Variable {
     /// Number of elements; 1 for a scalar.
-    pub fn count(&self) -> usize {
+    pub fn element_count(&self) -> usize {
         let sizes = self.dimensions.iter().copied();
         sizes.fold(1, usize::saturating_mul)
     }
@@ -116,7 +116,7 @@ impl Variable {
     }
 
     /// The items of an Enumeration.
-    pub fn items(&self) -> &[Item] {
+    pub fn items(&self) -> &[EnumerationItem] {
         let declared = self.declared_type.as_ref();
         declared.map(|of_type| &*of_type.items).unwrap_or_default()
     }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::table::{Enumeration, Row, count};
+use crate::table::{Enumeration, TableRow, scalar_count};
 
 /// A struct with variables, implemented by `#[derive(Variables)]` and `#[derive(Model)]`.
 ///
@@ -12,7 +12,7 @@ use crate::table::{Enumeration, Row, count};
 ///
 /// # Safety
 /// The table has the offsets of the fields: the derive macros take them from the compiler. At the
-/// offset of a variable is a value of the type that its [`Start`](crate::table::Start) has, or an array of them: an `f64` for a
+/// offset of a variable is a value of the type that its [`StartValues`](crate::table::StartValues) have, or an array of them: an `f64` for a
 /// `Float64`, a `String` for a `String`, and a value of the enum for an `Enumeration`.
 #[allow(unsafe_code, reason = "a promise of the derive macros; it has no unsafe functions")]
 #[diagnostic::on_unimplemented(
@@ -21,9 +21,9 @@ use crate::table::{Enumeration, Row, count};
 )]
 pub unsafe trait Variables: Sized {
     /// The table.
-    const ROWS: &'static [Row];
+    const ROWS: &'static [TableRow];
     /// Number of scalar variables.
-    const COUNT: usize = count(Self::ROWS);
+    const COUNT: usize = scalar_count(Self::ROWS);
     /// Whether a field has the attribute `unsaved`.
     const IS_UNSAVED: bool = false;
 
@@ -221,8 +221,10 @@ pub mod derive {
     pub use super::{Choice, Damaged, Internal, Loader, Saver, Variables};
     pub use crate::Interface;
     use crate::hash::Hash;
-    pub use crate::table::{Bounds, Dynamics, Enumeration, Field, Item, Row, Start};
-    use crate::table::{Constant, count, each, find_name, shared_name};
+    pub use crate::table::{
+        Bounds, Declaration, Dynamics, Enumeration, Item, StartValues, TableRow,
+    };
+    use crate::table::{Constant, each, scalar_count, shared_name, variable_with_hash};
     pub use crate::vocabulary::{Causality, Variability};
 
     /// The elements of an array that are in use.
@@ -248,8 +250,8 @@ pub mod derive {
     }
 
     /// The number of the first scalar of a row.
-    pub const fn first(rows: &[Row], row: usize) -> usize {
-        count(rows.split_at(row).0)
+    pub const fn first(rows: &[TableRow], row: usize) -> usize {
+        scalar_count(rows.split_at(row).0)
     }
 
     /// A pointer to an item as one to an item of any type.
@@ -260,7 +262,7 @@ pub mod derive {
     /// Checks that start values are within bounds, and returns them; panics at compile time with `message` and what is
     /// wrong.
     #[track_caller]
-    pub const fn checked(start: Start, bounds: Bounds, message: &str) -> Start {
+    pub const fn checked(start: StartValues, bounds: Bounds, message: &str) -> StartValues {
         let has_values = match bounds {
             Bounds::Real(min, max) => min <= max,
             Bounds::Whole(min, max) => min <= max,
@@ -292,10 +294,10 @@ pub mod derive {
 
     /// Checks that the variables of a group have other names than all other rows.
     #[track_caller]
-    pub const fn unique(rows: &'static [Row], group: usize, message: &str) {
+    pub const fn unique(rows: &'static [TableRow], group: usize, message: &str) {
         each!(i, row in rows => {
             // Two groups are compared once.
-            let is_due = i < group || matches!(row, Row::Field(_)) && i != group;
+            let is_due = i < group || matches!(row, TableRow::Variable(_)) && i != group;
             if is_due && let Some(name) = shared_name(rows, group, i) {
                 fail(message, name);
             }
@@ -304,8 +306,8 @@ pub mod derive {
 
     /// Checks that a variable exists.
     #[track_caller]
-    pub const fn exists(rows: &'static [Row], name: &str, message: &str) {
-        if find_name(rows, Hash::new().bytes(name.as_bytes()).0).is_none() {
+    pub const fn exists(rows: &'static [TableRow], name: &str, message: &str) {
+        if variable_with_hash(rows, Hash::new().bytes(name.as_bytes()).0).is_none() {
             panic!("{}", message);
         }
     }

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::ops::Range;
 
 use anyhow::{Context, Result, ensure};
-use fmu_description::{Description, erase_interfaces};
+use fmu_description::{ExportedModel, erase_interfaces};
 use wasm_encoder::reencode::{Error, Reencode, ReencodeComponent, component_utils, utils};
 use wasm_encoder::{
     Alias, Component, ComponentAliasSection, ComponentImportSection, ComponentInstanceSection,
@@ -35,7 +35,7 @@ const INNER: &str = "import-";
 ///
 /// # Errors
 /// The module does not have the functions of the interface, or reads resources, which the draft does not provide.
-pub fn encode(mut module: Vec<u8>, models: &[Description], draft: Draft) -> Result<Vec<u8>> {
+pub fn encode(mut module: Vec<u8>, models: &[ExportedModel], draft: Draft) -> Result<Vec<u8>> {
     let mut resolve = Resolve::default();
     let interface = match draft {
         Draft::WithPath => {
@@ -48,7 +48,7 @@ pub fn encode(mut module: Vec<u8>, models: &[Description], draft: Draft) -> Resu
         Draft::WithFunction => INTERFACE.replace(PATH, ""),
     };
     let package = resolve.push_str("component.wit", &interface)?;
-    let world = match models.iter().any(Description::is_for_model_exchange) {
+    let world = match models.iter().any(ExportedModel::is_for_model_exchange) {
         true => "fmu",
         false => "co-simulation-fmu",
     };

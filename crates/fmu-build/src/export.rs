@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use fmu_description::{Description, FmiVersion, read_interfaces};
+use fmu_description::{ExportedModel, FmiVersion, read_interfaces};
 use fmu_file::archive::{self, MODEL_DESCRIPTION, Packed};
 #[cfg(not(feature = "wasm"))]
 use fmu_file::platform::TARGET_WASM;
@@ -166,7 +166,7 @@ struct Binary<'a> {
     platforms: Vec<Platform>,
     bytes: Vec<u8>,
     /// The models in it.
-    models: Vec<Description>,
+    models: Vec<ExportedModel>,
 }
 
 #[derive(Clone, Copy)]
@@ -315,7 +315,7 @@ impl<'a> Builder<'a> {
 
     /// The models with the requested names, or all.
     fn choose(&self, built: &[Binary<'a>]) -> Result<Vec<Model<'a>>> {
-        let mut all: Vec<(&Library, &Description)> = Vec::new();
+        let mut all: Vec<(&Library, &ExportedModel)> = Vec::new();
         for binary in built {
             let Source::Library(library) = binary.source else { continue };
             // The binary for another target has the same models.
@@ -426,7 +426,7 @@ impl<'a> Binary<'a> {
     }
 
     /// The model with the given name.
-    fn model(&self, name: &str) -> Option<&Description> {
+    fn model(&self, name: &str) -> Option<&ExportedModel> {
         self.models.iter().find(|model| model.name == name)
     }
 
@@ -440,7 +440,7 @@ impl<'a> Binary<'a> {
 
     /// Checks that a binary for a model contains it in the same version.
     fn check_model(&self, model: &Model<'_>) -> Result<()> {
-        let Description { name, guid, .. } = &model.description;
+        let ExportedModel { name, guid, .. } = &model.description;
         if !self.may_have(model) || self.models.iter().any(|known| known.guid == *guid) {
             return Ok(());
         }
@@ -468,7 +468,7 @@ use crate::component::encode as component;
 
 /// Stands in for the encoder in builds without the feature `wasm`.
 #[cfg(not(feature = "wasm"))]
-fn component(_: Vec<u8>, _: &[Description], _: Draft) -> Result<Vec<u8>> {
+fn component(_: Vec<u8>, _: &[ExportedModel], _: Draft) -> Result<Vec<u8>> {
     bail!("this program was built without its feature `wasm`, which the target {TARGET_WASM} needs")
 }
 

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use fmu_description::{
-    Causality, Description, FmiVersion, ModelDescription, Value, Variable, interface, words,
+    Causality, ExportedModel, FmiVersion, ModelDescription, Value, Variable, interface, words,
 };
 
 use crate::library::Library;
@@ -13,7 +13,7 @@ pub struct Model<'a> {
     /// Its library.
     pub library: &'a Library,
     /// Its interface.
-    pub description: Description,
+    pub description: ExportedModel,
     /// The name of the model that it is a variant of, or its own.
     pub base: String,
     /// The version of FMI that it is exported for.
@@ -31,7 +31,7 @@ impl<'a> Model<'a> {
     /// Its description cannot be written as XML.
     pub fn new(
         library: &'a Library,
-        description: Description,
+        description: ExportedModel,
         version: FmiVersion,
     ) -> Result<Self> {
         let base = description.name.clone();
@@ -62,7 +62,7 @@ impl<'a> Model<'a> {
 /// # Errors
 /// There are some, and they may not be left out, or a variant sets one of them.
 pub fn omitted(
-    model: &Description,
+    model: &ExportedModel,
     version: FmiVersion,
     variant: &Variant,
     may_omit: bool,
@@ -70,7 +70,7 @@ pub fn omitted(
     let variables = model.inexpressible(version);
     for (v, reason) in &variables {
         let is_set = |(name, _): &&(String, String)| {
-            (0..v.count()).any(|element| v.element_name(&v.name, element) == *name)
+            (0..v.element_count()).any(|element| v.element_name(&v.name, element) == *name)
         };
         if let Some((name, text)) = variant.settings.iter().find(is_set) {
             bail!(
@@ -118,7 +118,7 @@ impl Variant {
     /// # Errors
     /// The name is not a C identifier, or a start value cannot be set or is set twice; the message names the
     /// variable, the value and what is expected.
-    pub fn text(&self, model: &Description) -> Result<String> {
+    pub fn text(&self, model: &ExportedModel) -> Result<String> {
         let name = self.name.as_deref().unwrap_or(&model.name);
         ensure!(
             words::is_identifier(name),
@@ -138,7 +138,7 @@ impl Variant {
 }
 
 /// The value reference of a variable, and its start value from a text.
-fn value(model: &Description, name: &str, text: &str) -> Result<(usize, Value)> {
+fn value(model: &ExportedModel, name: &str, text: &str) -> Result<(usize, Value)> {
     let mut scalars = model.scalars();
     let found = scalars.find(|(_, v, element)| v.element_name(&v.name, *element) == name);
     let Some((reference, variable, _)) = found else {
@@ -178,11 +178,15 @@ mod tests {
         <Enumeration name='target' valueReference='10' causality='parameter' declaredType='Target'/>
         </ModelVariables></fmiModelDescription>";
 
-    fn model() -> Description {
+    fn model() -> ExportedModel {
         let root = xml::parse(XML).unwrap();
         let read = ModelDescription::read(&root).unwrap();
         let variables = read.variables().map(|(_, v)| Variable::clone(v));
-        Description { name: "Pid".into(), variables: variables.collect(), ..Description::default() }
+        ExportedModel {
+            name: "Pid".into(),
+            variables: variables.collect(),
+            ..ExportedModel::default()
+        }
     }
 
     fn value_of(name: &str, text: &str) -> Result<(usize, Value), String> {

@@ -1,7 +1,7 @@
 //! The HTML page of a model. It is also well-formed XML, and needs no network, scripts or other files.
 
 use fmu_description::xml::{Element, escape};
-use fmu_description::{Causality, DeclaredType, Item, ModelDescription};
+use fmu_description::{Causality, DeclaredType, EnumerationItem, ModelDescription};
 
 use crate::library::File;
 use crate::table;
@@ -112,7 +112,7 @@ fn variables(model: &ModelDescription<'_>) -> String {
 
 /// The items of an enumeration.
 fn choices(of_type: &DeclaredType) -> String {
-    let item = |item: &Item| {
+    let item = |item: &EnumerationItem| {
         let (name, about) = (escape(&item.name), escape(&item.description));
         format!("<dt><code>{name}</code> = {}</dt><dd>{about}</dd>\n", item.value)
     };

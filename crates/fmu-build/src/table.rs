@@ -1,7 +1,7 @@
 //! The human-readable table of a model's variables.
 
 use fmu_description::value::whole;
-use fmu_description::{Listed, ModelDescription};
+use fmu_description::{ModelDescription, XmlVariable};
 
 /// The column headings.
 pub const HEAD: [&str; 8] =
@@ -27,7 +27,7 @@ pub fn rows(model: &ModelDescription<'_>) -> impl Iterator<Item = Row> {
     })
 }
 
-fn row(v: &Listed<'_>, model: &ModelDescription<'_>) -> Row {
+fn row(v: &XmlVariable<'_>, model: &ModelDescription<'_>) -> Row {
     let item = |start| {
         let mut items = v.items().iter();
         let found = items.find(|item| whole(start) == Some(item.value));

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use fmu_description::xml::Element;
-use fmu_description::{FmiVersion, Listed};
+use fmu_description::{FmiVersion, XmlVariable};
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
 use serde::Serialize;
@@ -57,8 +57,8 @@ impl From<&Element<'_>> for Location {
     }
 }
 
-impl From<&Listed<'_>> for Location {
-    fn from(variable: &Listed<'_>) -> Self {
+impl From<&XmlVariable<'_>> for Location {
+    fn from(variable: &XmlVariable<'_>) -> Self {
         Self::of_variable(variable.element)
     }
 }

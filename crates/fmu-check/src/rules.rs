@@ -7,7 +7,8 @@ use fmu_description::value::{items, real, whole};
 use fmu_description::words::is_identifier;
 use fmu_description::xml::Element;
 use fmu_description::{
-    Causality, FmiVersion, Initial, Listed, ModelDescription, Type, Unknown, Value, Variability,
+    Causality, FmiVersion, Initial, ModelDescription, Type, Unknown, Value, Variability,
+    XmlVariable,
 };
 use fmu_file::text::quote;
 use regex_lite::Regex;
@@ -46,20 +47,20 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
 }
 
 /// The index of the state that a variable is the derivative of.
-fn state_of(variable: &Listed<'_>, model: &ModelDescription<'_>) -> Option<usize> {
+fn state_of(variable: &XmlVariable<'_>, model: &ModelDescription<'_>) -> Option<usize> {
     model.index(whole(variable.value.attribute("derivative")?)?)
 }
 
-pub fn is_clocked(variable: &Listed<'_>) -> bool {
+pub fn is_clocked(variable: &XmlVariable<'_>) -> bool {
     variable.element.has("clocks")
 }
 
-pub fn is_continuous(variable: &Listed<'_>) -> bool {
+pub fn is_continuous(variable: &XmlVariable<'_>) -> bool {
     variable.variability == Variability::Continuous
 }
 
 /// Whether it has a start value, which may be an empty text.
-fn has_start(variable: &Listed<'_>) -> bool {
+fn has_start(variable: &XmlVariable<'_>) -> bool {
     variable.start().is_some() || variable.value.child("Start").is_some()
 }
 
@@ -320,7 +321,7 @@ impl<'a> Check<'a> {
     }
 
     /// Checks that the declared type of a variable is defined, and has its start value if it is an item.
-    fn declared_type(&mut self, variable: &Listed<'_>, items: &Items<'_>) {
+    fn declared_type(&mut self, variable: &XmlVariable<'_>, items: &Items<'_>) {
         let Some(declared) = variable.value.attribute("declaredType") else { return };
         let expected = variable.value.name;
         let fault = match variable.declared.map(|of_type| of_type.name) {
@@ -354,7 +355,7 @@ static STRUCTURED: LazyLock<Regex> = LazyLock::new(|| {
 
 /// The values of `initial` allowed for a causality and a variability; `None` if that combination is
 /// not allowed.
-fn allowed(variable: &Listed<'_>, version: FmiVersion) -> Option<&'static [Option<Initial>]> {
+fn allowed(variable: &XmlVariable<'_>, version: FmiVersion) -> Option<&'static [Option<Initial>]> {
     use Causality::{
         CalculatedParameter, Independent, Input, Local, Output, Parameter, StructuralParameter,
     };
@@ -440,7 +441,7 @@ impl Check<'_> {
         }
     }
 
-    fn combination(&mut self, variable: &Listed<'_>) {
+    fn combination(&mut self, variable: &XmlVariable<'_>) {
         let causality = variable.causality.as_str();
         let variability = variable.variability.as_str();
         match allowed(variable, self.model.version) {
@@ -459,7 +460,7 @@ impl Check<'_> {
     }
 
     /// Checks attributes that are for inputs or states only; in FMI 2.0, they are for model exchange only.
-    fn restricted(&mut self, variable: &Listed<'_>, is_state: bool) {
+    fn restricted(&mut self, variable: &XmlVariable<'_>, is_state: bool) {
         const SET: &str = "canHandleMultipleSetPerTimeInstant";
         let (is_exchanged, also) = match self.model.version {
             FmiVersion::Fmi2 => (self.model.model_exchange().is_some(), " and model exchange"),
@@ -503,7 +504,7 @@ impl Check<'_> {
     /// Checks variables of the same type and value reference, which share one value in FMI 2.0.
     fn aliases(&mut self) {
         let model = self.model;
-        let mut sets: HashMap<(Type, u32), Vec<&Listed<'_>>> = HashMap::new();
+        let mut sets: HashMap<(Type, u32), Vec<&XmlVariable<'_>>> = HashMap::new();
         for (_, variable) in model.variables() {
             let of_type = variable.of_type.accessed_as(model.version);
             let set = sets.entry((of_type, variable.reference));
@@ -516,24 +517,27 @@ impl Check<'_> {
         }
     }
 
-    fn alias_set(&mut self, set: &[&Listed<'_>]) {
+    fn alias_set(&mut self, set: &[&XmlVariable<'_>]) {
         use Causality::{Independent, Input, Parameter};
         let first = set[0];
-        let mut report =
-            |rule: &'static Rule, of: &Listed<'_>, variable: Option<&&Listed<'_>>, what: &str| {
-                if let Some(variable) = variable {
-                    let text = format!("it has the value reference of {:?} {what}", of.name);
-                    self.add(rule, *variable, text);
-                }
-            };
-        let is_settable = |v: &&&Listed<'_>| matches!(v.causality, Parameter | Input | Independent);
+        let mut report = |rule: &'static Rule,
+                          of: &XmlVariable<'_>,
+                          variable: Option<&&XmlVariable<'_>>,
+                          what: &str| {
+            if let Some(variable) = variable {
+                let text = format!("it has the value reference of {:?} {what}", of.name);
+                self.add(rule, *variable, text);
+            }
+        };
+        let is_settable =
+            |v: &&&XmlVariable<'_>| matches!(v.causality, Parameter | Input | Independent);
         let what = "though both are set from outside, expected at most one such variable";
         report(rule!("alias-settable"), first, set.iter().filter(is_settable).nth(1), what);
-        let is_constant = |v: &&&Listed<'_>| v.variability == Variability::Constant;
+        let is_constant = |v: &&&XmlVariable<'_>| v.variability == Variability::Constant;
         if let Some(constant) = set.iter().find(is_constant) {
             // An Integer may be an alias of an Enumeration.
-            let start = |v: &Listed<'_>| v.start_of(0).map(Value::to_string);
-            let differs = |v: &&&Listed<'_>| !is_constant(v) || start(v) != start(constant);
+            let start = |v: &XmlVariable<'_>| v.start_of(0).map(Value::to_string);
+            let differs = |v: &&&XmlVariable<'_>| !is_constant(v) || start(v) != start(constant);
             let what = "which is constant, expected all to be constant with the same start";
             report(rule!("alias-constant"), constant, set.iter().find(differs), what);
         } else {
@@ -573,7 +577,7 @@ impl Check<'_> {
         // An FMU for co-simulation may hide its states, so that nothing is known about its variables.
         if !model.derivatives.is_empty() || model.model_exchange().is_some() {
             let states = self.states.clone();
-            let is_known = |index: usize, v: &Listed<'_>| {
+            let is_known = |index: usize, v: &XmlVariable<'_>| {
                 let is_computed = matches!(v.causality, Causality::Local | Causality::Output);
                 !is_computed
                     || !is_continuous(v)
@@ -664,7 +668,7 @@ impl Check<'_> {
         &mut self,
         unknowns: &[Unknown<'_>],
         rule: &'static Rule,
-        is_known: impl Fn(usize, &Listed<'_>) -> bool,
+        is_known: impl Fn(usize, &XmlVariable<'_>) -> bool,
         expected: &str,
     ) {
         let model = self.model;
@@ -685,7 +689,7 @@ impl Check<'_> {
 
     fn derivatives(&mut self, list: &str) {
         /// The dimensions of a variable, each a number or a value reference.
-        fn sizes<'a>(variable: &Listed<'a>) -> Vec<[Option<&'a str>; 2]> {
+        fn sizes<'a>(variable: &XmlVariable<'a>) -> Vec<[Option<&'a str>; 2]> {
             let size =
                 |d: &'a Element<'a>| ["start", "valueReference"].map(|name| d.attribute(name));
             (variable.element.children("Dimension")).map(size).collect()
@@ -715,7 +719,7 @@ impl Check<'_> {
     }
 
     /// Checks that a state or event indicator is computed by the FMU.
-    fn state_causality(&mut self, variable: &Listed<'_>, what: &str) {
+    fn state_causality(&mut self, variable: &XmlVariable<'_>, what: &str) {
         let causality = variable.causality;
         require!(self, "state-causality" at variable,
             matches!(causality, Causality::Local | Causality::Output),
@@ -750,7 +754,7 @@ impl Check<'_> {
                 "InitialUnknowns has the index {} after {}, expected ascending order",
                 second.number, first.number);
         }
-        let is_known = |_, v: &Listed<'_>| {
+        let is_known = |_, v: &XmlVariable<'_>| {
             let is_given = matches!(v.causality, Causality::Input | Causality::Independent);
             is_given
                 || v.initial == Some(Initial::Exact)
@@ -791,7 +795,7 @@ fn indices(unknowns: &[Unknown<'_>]) -> HashSet<usize> {
 /// What FMI 3.0 adds: arrays, structural parameters, clocks and clocked variables.
 impl Check<'_> {
     /// Checks the number of bytes of the start values of a Binary.
-    fn start_size(&mut self, variable: &Listed<'_>) {
+    fn start_size(&mut self, variable: &XmlVariable<'_>) {
         let max = variable.inherited("maxSize").and_then(whole);
         let max = max.unwrap_or(u32::MAX);
         for start in variable.element.children("Start") {
@@ -803,7 +807,7 @@ impl Check<'_> {
     }
 
     /// Checks the dimensions of a variable, and how many start values it has.
-    fn elements(&mut self, variable: &Listed<'_>) {
+    fn elements(&mut self, variable: &XmlVariable<'_>) {
         let element = variable.element;
         if variable.causality == Causality::StructuralParameter
             && let Some(dimension) = element.child("Dimension")
@@ -836,7 +840,7 @@ impl Check<'_> {
 
     /// The initial size of a dimension, if it is valid.
     fn length(&mut self, dimension: &Element<'_>) -> Option<u64> {
-        let is_size = |v: &&Listed<'_>| {
+        let is_size = |v: &&XmlVariable<'_>| {
             let is_structural = v.causality == Causality::StructuralParameter;
             v.of_type == Type::UInt64 && (is_structural || v.variability == Variability::Constant)
         };
@@ -892,7 +896,7 @@ impl Check<'_> {
         }
     }
 
-    fn clock(&mut self, variable: &Listed<'_>) {
+    fn clock(&mut self, variable: &XmlVariable<'_>) {
         use Causality::{Input, Local, Output};
         let (clock, causality) = (variable.element, variable.causality);
         require!(self, "clock-causality" at variable, matches!(causality, Input | Output | Local),
@@ -907,7 +911,7 @@ impl Check<'_> {
     }
 
     /// Checks the clocks of a variable, and the variability of clocks and clocked variables.
-    fn clocked(&mut self, variable: &Listed<'_>) {
+    fn clocked(&mut self, variable: &XmlVariable<'_>) {
         let model = self.model;
         let clocks = variable.element.attribute("clocks");
         let is_clock = variable.of_type == Type::Clock;
@@ -933,12 +937,12 @@ impl Check<'_> {
             "it has intermediateUpdate = true, expected it only for continuous variables");
     }
 
-    fn previous(&mut self, variable: &Listed<'_>, reference: &str, is_first: bool) {
-        let is_discrete = |v: &Listed<'_>| v.variability == Variability::Discrete;
+    fn previous(&mut self, variable: &XmlVariable<'_>, reference: &str, is_first: bool) {
+        let is_discrete = |v: &XmlVariable<'_>| v.variability == Variability::Discrete;
         require!(self, "previous-clocked" at variable, is_clocked(variable) && is_discrete(variable),
             "it has previous, expected it only for discrete variables with clocks");
         let kind = variable.value.name;
-        let fits = |before: &Listed<'_>| {
+        let fits = |before: &XmlVariable<'_>| {
             let is_other = before.reference != variable.reference;
             let is_computed = before.causality != Causality::Input;
             is_other && before.value.name == kind && is_discrete(before) && is_computed

@@ -77,7 +77,7 @@ impl Field {
                 false => format!("{}[{}]", name.value(), i + 1),
             };
             let offset = quote!(::core::mem::offset_of!(Self, #ident) + #i * size_of::<#ty>());
-            quote!(#krate::Row::Group { prefix: #prefix, offset: #offset, rows: #rows })
+            quote!(#krate::TableRow::Group { prefix: #prefix, offset: #offset, rows: #rows })
         };
         (0..self.row_count()).map(group).collect()
     }
@@ -129,7 +129,7 @@ impl Field {
         let depends_on = options.derivatives().iter().map(|(name, _)| name);
         let has_input_derivative = options.has("derivative");
         Some(quote! {
-            #krate::Row::Field(#krate::Field {
+            #krate::TableRow::Variable(#krate::Declaration {
                 name: #name,
                 description: #description,
                 offset: #offset,
@@ -332,14 +332,14 @@ impl Field {
         let (krate, values) = (&self.krate, self.values());
         if self.of_type == FmiType::Enumeration {
             let items = self.choice(&quote!(ENUMERATION));
-            return quote!(#krate::Start::Enumeration(#values, &#items));
+            return quote!(#krate::StartValues::Enumeration(#values, &#items));
         }
         let place = self.options.expression("start").map(Spanned::span);
         let place = place.unwrap_or(self.span());
         let name = self.name.value();
         let message = format!("the start value of `{name}` is ");
         let of_type = Ident::new(self.of_type.as_str(), place);
-        let start = quote!(#krate::Start::#of_type(#values));
+        let start = quote!(#krate::StartValues::#of_type(#values));
         at(place, quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)))
     }
 

@@ -205,7 +205,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
         #[allow(clippy::all, clippy::pedantic, unused_variables)]
         // SAFETY: the compiler provides the offsets, and checks the start values against the types.
         unsafe impl #generics #krate::Variables for #ident #arguments #condition {
-            const ROWS: &'static [#krate::Row] = &[#(#rows),*];
+            const ROWS: &'static [#krate::TableRow] = &[#(#rows),*];
             const IS_UNSAVED: bool = false #(|| #is_unsaved)*;
 
             fn unset() -> Self { #unset }
@@ -321,5 +321,5 @@ fn checks(input: &DeriveInput, fields: &[Field], krate: &TokenStream) -> TokenSt
         let message = format!("there is no variable {:?} in this struct", name.value());
         at(name.span(), quote!(const _: () = #krate::exists(#rows, #name, #message);))
     });
-    quote!(const _: &[#krate::Row] = #rows; #(#unique)* #(#exist)*)
+    quote!(const _: &[#krate::TableRow] = #rows; #(#unique)* #(#exist)*)
 }

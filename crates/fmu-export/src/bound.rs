@@ -3,7 +3,7 @@
 use std::any::Any;
 
 use dormand_prince::solver::{self, Advanced, Step, Workspace};
-use fmu_description::table::{self, Field, Scalar};
+use fmu_description::table::{self, Declaration, ScalarVariable};
 use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Value};
 
 use crate::layout::{self, Array, Facts, Place, Tables, copy_fields};
@@ -64,7 +64,7 @@ pub(crate) trait AnyModel: Any {
 
 impl<M: Model, const N: usize> Bound<M, N> {
     /// The scalar variables, for constants only: the binary does not need them.
-    pub(crate) const ROWS: &'static [Scalar; N] = &table::scalars(M::ROWS);
+    pub(crate) const ROWS: &'static [ScalarVariable; N] = &table::scalars(M::ROWS);
     const TABLES: Tables<N> = Tables::of(Self::ROWS);
     const FACTS: Facts = Facts {
         rows: M::ROWS,
@@ -330,8 +330,9 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
         use Causality::{Input, Parameter, StructuralParameter};
         let mut fresh = M::new();
         let to = (&raw mut fresh).cast();
-        let is_settable =
-            |field: &Field| matches!(field.causality, Input | Parameter | StructuralParameter);
+        let is_settable = |field: &Declaration| {
+            matches!(field.causality, Input | Parameter | StructuralParameter)
+        };
         // SAFETY: both are models with these rows.
         unsafe { copy_fields(to, self.memory(), M::ROWS, is_settable) };
         if Self::HAS_INPUT_DERIVATIVES {
@@ -452,18 +453,20 @@ impl dyn AnyModel {
     }
 
     /// The scalar variable with the given value reference.
-    pub(crate) fn find(&self, reference: u32) -> Option<Scalar> {
-        table::find_scalar(self.facts().rows, reference as usize)
+    pub(crate) fn find(&self, reference: u32) -> Option<ScalarVariable> {
+        table::scalar_at(self.facts().rows, reference as usize)
     }
 
-    pub(crate) fn get(&mut self, scalar: &Scalar) -> Value {
+    pub(crate) fn get(&mut self, scalar: &ScalarVariable) -> Value {
         // SAFETY: `Variables` promises a value of the type of the table at this place of the model.
-        unsafe { layout::get(self.memory().byte_add(scalar.place()), scalar.variable) }
+        unsafe { layout::get(self.memory().byte_add(scalar.absolute_offset()), scalar.variable) }
     }
 
-    pub(crate) fn set(&mut self, scalar: &Scalar, value: Value) {
+    pub(crate) fn set(&mut self, scalar: &ScalarVariable, value: Value) {
         // SAFETY: as above; the model is borrowed mutably.
-        unsafe { layout::set(self.memory().byte_add(scalar.place()), scalar.variable, value) }
+        unsafe {
+            layout::set(self.memory().byte_add(scalar.absolute_offset()), scalar.variable, value)
+        }
     }
 
     /// Number of elements in use of the variable whose first element has the given value reference;
@@ -476,7 +479,7 @@ impl dyn AnyModel {
 
     /// Whether a host can address the scalar of a reference by itself: it is no structural parameter, and an element in
     /// use of an array.
-    pub(crate) fn is_element(&mut self, scalar: &Scalar, reference: u32) -> bool {
+    pub(crate) fn is_element(&mut self, scalar: &ScalarVariable, reference: u32) -> bool {
         let first = reference.wrapping_sub(scalar.element as u32);
         scalar.variable.causality != Causality::StructuralParameter
             && self.elements(first).is_some_and(|elements| scalar.element < elements)

@@ -1,7 +1,7 @@
 //! Derivatives of variables: with respect to other variables, and to time.
 
 use fmi_abi::state::State;
-use fmu_description::table::{Bounds, Field};
+use fmu_description::table::{Bounds, Declaration};
 use fmu_description::{Causality, Dynamics, Type, Value};
 
 use crate::bound::AnyModel;
@@ -118,7 +118,7 @@ impl Component {
         &mut self,
         reference: u32,
         expected: &str,
-        has_part: &dyn Fn(&Field) -> bool,
+        has_part: &dyn Fn(&Declaration) -> bool,
     ) -> Result<(), ModelError> {
         let (count, version) = (self.model.facts().count, self.shared.settings.edge.version);
         match self.model.find(reference) {

@@ -2,7 +2,7 @@
 //! memory that the rows describe.
 
 use fmu_description::hash::Hash;
-use fmu_description::table::{self, Bounds, Field, Row, Scalar, Start as Values};
+use fmu_description::table::{self, Bounds, Declaration, ScalarVariable, StartValues, TableRow};
 use fmu_description::{Causality, Dynamics, Value, Variability};
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
@@ -22,7 +22,7 @@ impl Place {
     /// That of no variable.
     const EMPTY: Self = Self { offset: Self::NONE, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
-    const fn of(row: &Scalar) -> Self {
+    const fn of(row: &ScalarVariable) -> Self {
         let variable = row.variable;
         let is_settable = matches!(
             (variable.causality, variable.variability),
@@ -114,7 +114,7 @@ pub(crate) struct Tables<const N: usize> {
 }
 
 impl<const N: usize> Tables<N> {
-    pub(crate) const fn of(rows: &[Scalar; N]) -> Self {
+    pub(crate) const fn of(rows: &[ScalarVariable; N]) -> Self {
         let mut tables = Self {
             elements: [Place::EMPTY; N],
             scalars: [Place::EMPTY; N],
@@ -136,17 +136,17 @@ impl<const N: usize> Tables<N> {
         let mut reference = 0;
         while reference < N {
             tables.add(rows, reference);
-            reference += rows[reference].variable.count();
+            reference += rows[reference].variable.element_count();
         }
         tables
     }
 
     /// Adds a variable by the reference of its first element. It calls no function for an element, since an array may
     /// have many, for which that would take the compiler long.
-    const fn add(&mut self, rows: &[Scalar; N], reference: usize) {
+    const fn add(&mut self, rows: &[ScalarVariable; N], reference: usize) {
         let row = &rows[reference];
-        let (variable, place, size) = (row.variable, Place::of(row), row.size(rows));
-        let (count, in_use) = (variable.count(), row.elements(rows));
+        let (variable, place, size) = (row.variable, Place::of(row), row.size_parameter(rows));
+        let (count, in_use) = (variable.element_count(), row.elements_in_use(rows));
         self.variables[reference] = place;
         self.arrays[reference].count = count as u32;
         self.arrays[reference].default = in_use as u32;
@@ -169,7 +169,7 @@ impl<const N: usize> Tables<N> {
         }
         match (variable.dynamics, row.offset_of_real()) {
             (Dynamics::Derivative { .. }, Some(derivative_offset)) => {
-                if let Some(of) = row.state(rows)
+                if let Some(of) = row.state_index(rows)
                     && matches!(rows[of].variable.dynamics, Dynamics::State)
                     && let Some(state_offset) = rows[of].offset_of_real()
                 {
@@ -216,7 +216,7 @@ impl<const N: usize> Tables<N> {
 }
 
 /// Whether a new value of a variable is an event: of a discrete input or a tunable parameter.
-const fn is_switch(field: &Field) -> bool {
+const fn is_switch(field: &Declaration) -> bool {
     match field.causality {
         Causality::Input => !matches!(field.variability, Variability::Continuous),
         Causality::Parameter | Causality::StructuralParameter => {
@@ -228,7 +228,7 @@ const fn is_switch(field: &Field) -> bool {
 
 /// What the code that all models share knows of a model.
 pub(crate) struct Facts {
-    pub(crate) rows: &'static [Row],
+    pub(crate) rows: &'static [TableRow],
     /// Number of scalar variables; their value references are 0 to `count - 1`.
     pub(crate) count: usize,
     pub(crate) arrays: &'static [Array],
@@ -256,8 +256,8 @@ pub(crate) struct Facts {
 ///
 /// # Safety
 /// At the place is a struct with these rows, which is borrowed mutably.
-pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [Row]) {
-    table::each_field(rows, 0, &mut |field, offset| {
+pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [TableRow]) {
+    table::each_declaration(rows, 0, &mut |field, offset| {
         // SAFETY: `Variables` promises a value of the type of the table for each element.
         unsafe { start(model.byte_add(offset), field) };
     });
@@ -270,10 +270,10 @@ pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [Row]) {
 pub(crate) unsafe fn copy_fields(
     to: *mut u8,
     from: *mut u8,
-    rows: &'static [Row],
-    is_copied: fn(&Field) -> bool,
+    rows: &'static [TableRow],
+    is_copied: fn(&Declaration) -> bool,
 ) {
-    table::each_field(rows, 0, &mut |field, offset| {
+    table::each_declaration(rows, 0, &mut |field, offset| {
         if is_copied(field) {
             // SAFETY: as for start values.
             unsafe { copy(to.byte_add(offset), from.byte_add(offset), field) };
@@ -286,9 +286,9 @@ pub(crate) unsafe fn copy_fields(
 ///
 /// # Safety
 /// At the place is a struct with these rows, which is borrowed mutably.
-pub(crate) unsafe fn hash_of_switches(model: *mut u8, rows: &'static [Row]) -> u128 {
+pub(crate) unsafe fn hash_of_switches(model: *mut u8, rows: &'static [TableRow]) -> u128 {
     let mut hash = Hash::new();
-    table::each_field(rows, 0, &mut |field, offset| {
+    table::each_declaration(rows, 0, &mut |field, offset| {
         if is_switch(field) {
             // SAFETY: as for start values.
             hash = unsafe { add(hash, model.byte_add(offset), field) };
@@ -337,12 +337,12 @@ macro_rules! access {
         ///
         /// # Safety
         /// At the place is a value of the type of the variable.
-        pub(crate) unsafe fn get(place: *mut u8, field: &Field) -> Value {
+        pub(crate) unsafe fn get(place: *mut u8, field: &Declaration) -> Value {
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(Values::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*)*
-                    Values::Enumeration(_, of) => Value::Enumeration((*(of.item)(place)).get().into()),
+                    $($(StartValues::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*)*
+                    StartValues::Enumeration(_, of) => Value::Enumeration((*(of.item)(place)).get().into()),
                 }
             }
         }
@@ -351,12 +351,12 @@ macro_rules! access {
         ///
         /// # Safety
         /// As [`get`], and the place is borrowed mutably.
-        pub(crate) unsafe fn set(place: *mut u8, field: &Field, value: Value) {
+        pub(crate) unsafe fn set(place: *mut u8, field: &Declaration, value: Value) {
             // SAFETY: the caller's promise.
             unsafe {
                 match (field.start, value) {
-                    $($((Values::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*)*
-                    (Values::Enumeration(_, of), Value::Enumeration(item)) => {
+                    $($((StartValues::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*)*
+                    (StartValues::Enumeration(_, of), Value::Enumeration(item)) => {
                         (*(of.item)(place)).set(item as i32);
                     }
                     _ => {}
@@ -368,15 +368,15 @@ macro_rules! access {
         ///
         /// # Safety
         /// At the place are all elements of the field, which are borrowed mutably.
-        unsafe fn start(place: *mut u8, field: &Field) {
-            let elements = 0..field.start.len().min(field.count());
+        unsafe fn start(place: *mut u8, field: &Declaration) {
+            let elements = 0..field.start.len().min(field.element_count());
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(Values::$name(values) => for i in elements {
+                    $($(StartValues::$name(values) => for i in elements {
                         *place.cast::<$type>().add(i) = values[i].to_owned();
                     },)*)*
-                    Values::Enumeration(values, of) => for i in elements {
+                    StartValues::Enumeration(values, of) => for i in elements {
                         (*(of.item)(place.byte_add(i * of.size))).set(values[i]);
                     },
                 }
@@ -387,15 +387,15 @@ macro_rules! access {
         ///
         /// # Safety
         /// As [`start`].
-        unsafe fn add(mut hash: Hash, place: *mut u8, field: &Field) -> Hash {
-            let elements = 0..field.count();
+        unsafe fn add(mut hash: Hash, place: *mut u8, field: &Declaration) -> Hash {
+            let elements = 0..field.element_count();
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(Values::$name(_) => for i in elements {
+                    $($(StartValues::$name(_) => for i in elements {
                         hash = (*place.cast::<$type>().add(i)).add_to(hash);
                     },)*)*
-                    Values::Enumeration(_, of) => for i in elements {
+                    StartValues::Enumeration(_, of) => for i in elements {
                         hash = (*(of.item)(place.byte_add(i * of.size))).get().add_to(hash);
                     },
                 }
@@ -407,15 +407,15 @@ macro_rules! access {
         ///
         /// # Safety
         /// As [`start`], and so from the other place.
-        unsafe fn copy(to: *mut u8, from: *mut u8, field: &Field) {
-            let elements = 0..field.count();
+        unsafe fn copy(to: *mut u8, from: *mut u8, field: &Declaration) {
+            let elements = 0..field.element_count();
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(Values::$name(_) => for i in elements {
+                    $($(StartValues::$name(_) => for i in elements {
                         (*to.cast::<$type>().add(i)).clone_from(&*from.cast::<$type>().add(i));
                     },)*)*
-                    Values::Enumeration(_, of) => for i in elements {
+                    StartValues::Enumeration(_, of) => for i in elements {
                         let item = (*(of.item)(from.byte_add(i * of.size))).get();
                         (*(of.item)(to.byte_add(i * of.size))).set(item);
                     },

@@ -11,7 +11,7 @@ use fmi_abi::state::State;
 use fmi_abi::{Call, FmiVersion};
 use fmu_description::Causality;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::table::Scalar;
+use fmu_description::table::ScalarVariable;
 
 pub use fmu_description::Value;
 
@@ -279,7 +279,7 @@ impl<M: Drive> Driver<M> {
         self.log.take()
     }
 
-    fn find(&self, name: &str) -> Result<(u32, Scalar), ModelError> {
+    fn find(&self, name: &str) -> Result<(u32, ScalarVariable), ModelError> {
         let count = self.component.model.facts().count as u32;
         let all = (0..count)
             .filter_map(|reference| Some((reference, self.component.model.find(reference)?)));

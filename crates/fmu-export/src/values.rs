@@ -5,7 +5,7 @@ use std::fmt::Display;
 
 use fmi_abi::FmiVersion;
 use fmi_abi::state::State;
-use fmu_description::table::{Bounds, Field, Scalar};
+use fmu_description::table::{Bounds, Declaration, ScalarVariable};
 use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
 
 use crate::component::Component;
@@ -22,7 +22,7 @@ pub(crate) enum Given {
 
 impl Given {
     /// The value, if a variable may have it; otherwise, how to show what was given.
-    fn within(self, field: &Field) -> Result<Value, String> {
+    fn within(self, field: &Declaration) -> Result<Value, String> {
         let of_type = field.start.of_type();
         let (value, shown): (_, &dyn Display) = match self {
             Self::Real(ref value) => (Value::real(of_type, *value), value),
@@ -39,7 +39,7 @@ impl Given {
 }
 
 /// Describes the values that a variable may have.
-fn expected(field: &Field) -> String {
+fn expected(field: &Declaration) -> String {
     match (field.bounds, field.start.of_type()) {
         (Bounds::Real(min, max), _) => {
             let (bounds, unit) = (words::bounds(min, max), words::in_unit(field.unit));
@@ -124,7 +124,7 @@ impl Component {
     }
 
     /// The scalar or element with a value reference, if the functions of a type access it.
-    fn find(&mut self, of_type: Type, reference: u32) -> Result<Scalar, ModelError> {
+    fn find(&mut self, of_type: Type, reference: u32) -> Result<ScalarVariable, ModelError> {
         let (version, count) = (self.shared.settings.edge.version, self.model.facts().count);
         let scalar = self.model.find(reference).ok_or_else(|| unknown(count, reference))?;
         ensure!(
@@ -295,12 +295,12 @@ fn is_start(state: State) -> bool {
 }
 
 /// Whether the model computes the variable but for its start value: initial is exact.
-pub(crate) fn has_own_start(variable: &Field) -> bool {
+pub(crate) fn has_own_start(variable: &Declaration) -> bool {
     matches!(variable.causality, Causality::Output | Causality::Local) && !variable.start.is_empty()
 }
 
 /// Why the host may not set the variable now; `None` if it may.
-fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static str> {
+fn not_settable(variable: &Declaration, state: State, mode: Mode) -> Option<&'static str> {
     use State::{ContinuousTime, Event, IntermediateUpdate};
     let is_reconfiguration =
         matches!(state, State::StepReconfiguration | State::EventReconfiguration);
@@ -343,7 +343,7 @@ pub(crate) fn unknown(count: usize, reference: u32) -> ModelError {
 
 /// Why a value of a variable of the right type cannot be got: only FMI 2.0 has too few types.
 #[cold]
-fn does_not_fit(scalar: &Scalar, value: Option<i128>) -> ModelError {
+fn does_not_fit(scalar: &ScalarVariable, value: Option<i128>) -> ModelError {
     let value = value.unwrap_or_default();
     ModelError::refuse(format_args!(
         "{} = {value} does not fit into an Integer of FMI 2.0; expected a value from {} to {}",
@@ -355,7 +355,7 @@ fn does_not_fit(scalar: &Scalar, value: Option<i128>) -> ModelError {
 
 /// Checks that the functions of a type access the variable in a version of FMI.
 pub(crate) fn check_type(
-    scalar: &Scalar,
+    scalar: &ScalarVariable,
     of_type: Type,
     version: FmiVersion,
 ) -> Result<(), ModelError> {

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
 use fmu_description::{
-    Causality, FmiVersion, LOG_CATEGORIES, Listed, ModelDescription, Type, Value, Variable,
+    Causality, FmiVersion, LOG_CATEGORIES, ModelDescription, Type, Value, Variable, XmlVariable,
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
@@ -122,7 +122,7 @@ impl Fmu {
         })?;
         let indicators = root.attribute("numberOfEventIndicators");
         let indicators = indicators.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
-        let count = model.variables().map(|(_, v)| v.count());
+        let count = model.variables().map(|(_, v)| v.element_count());
         let count = count.fold(0_usize, usize::saturating_add);
         ensure!(
             count <= MAX_VARIABLES,
@@ -135,14 +135,15 @@ impl Fmu {
         let mut arrays = HashMap::new();
         for (_, v) in model.variables() {
             for name in [v.name.as_str()].into_iter().chain(v.aliases()) {
-                let names = (0..v.count()).map(|element| v.element_name(name, element));
+                let names = (0..v.element_count()).map(|element| v.element_name(name, element));
                 index.extend(names.zip(scalars.len()..));
-                if !v.dimensions.is_empty() && v.count() > 0 {
-                    arrays.insert(name.to_owned(), scalars.len()..scalars.len() + v.count());
+                if !v.dimensions.is_empty() && v.element_count() > 0 {
+                    arrays
+                        .insert(name.to_owned(), scalars.len()..scalars.len() + v.element_count());
                 }
             }
             let variable = variables.len();
-            scalars.extend((0..v.count()).map(|element| Scalar { variable, element }));
+            scalars.extend((0..v.element_count()).map(|element| Scalar { variable, element }));
             if v.element.attribute("clocks").is_some() {
                 clocked.insert(variable);
             }
@@ -244,7 +245,7 @@ impl Fmu {
     /// The scalars of the array that a scalar is an element of.
     pub(crate) fn array(&self, scalar: usize) -> Range<usize> {
         let first = self.first(scalar);
-        first..first + self.variable(scalar).count()
+        first..first + self.variable(scalar).element_count()
     }
 
     /// The first of these.
@@ -486,7 +487,7 @@ fn interface<'a>(
         bail!("it does not support {wanted}{other}");
     };
     let is_input_clock =
-        |v: &&Listed<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
+        |v: &&XmlVariable<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
     if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
         bail!(
             "its clock {} must be ticked by the master, which is not supported; it needs a host that activates input clocks in event mode",
@@ -544,7 +545,7 @@ fn feedthrough(model: &ModelDescription<'_>) -> HashMap<usize, Vec<usize>> {
     let mut positions: HashMap<usize, usize> = HashMap::new();
     for (index, variable) in model.variables() {
         positions.insert(index, first);
-        first += variable.count();
+        first += variable.element_count();
     }
     let position = |index: usize| positions.get(&index).copied();
     let declared = model.outputs.iter().filter_map(|unknown| {

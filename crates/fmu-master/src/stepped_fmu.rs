@@ -311,7 +311,7 @@ impl SteppedFmu {
         for given in values.chunk_by(|(a, _), (b, _)| fmu.array(*a) == fmu.array(*b)) {
             let scalar = given[0].0;
             let (variable, kind) = (fmu.variable(scalar), fmu.access(scalar));
-            let mut array = match variable.count() == given.len() {
+            let mut array = match variable.element_count() == given.len() {
                 true => vec![Value::Boolean(false); given.len()],
                 false => self.get(&Vec::from_iter(fmu.array(scalar)))?,
             };
@@ -393,7 +393,7 @@ impl SteppedFmu {
         let references = scalars.iter().map(|scalar| {
             let variable = fmu.variable(*scalar);
             let name = &variable.name;
-            ensure!(variable.count() == 1, "{name} is an array, expected a scalar");
+            ensure!(variable.element_count() == 1, "{name} is an array, expected a scalar");
             Ok(variable.reference)
         });
         references.collect()

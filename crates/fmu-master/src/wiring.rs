@@ -370,7 +370,7 @@ impl Wired {
 
     pub(crate) fn push(&mut self, fmu: &Fmu, scalar: usize) {
         let variable = fmu.variable(scalar);
-        let (reference, count) = (variable.reference, variable.count());
+        let (reference, count) = (variable.reference, variable.element_count());
         // Aliases of scalars are accessed each on its own.
         let is_array = count > 1;
         let known = if is_array { self.arrays.get(&reference).copied() } else { None };

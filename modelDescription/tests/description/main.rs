@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use fmu_description::hash::checksum;
 use fmu_description::interface::{guid, size, variant, write};
-use fmu_description::table::{Bounds, Field, Start};
+use fmu_description::table::{Bounds, Declaration, StartValues};
 use fmu_description::xml::parse;
 use fmu_description::{
-    Causality, DeclaredType, Description, Dynamics, Exported, FmiVersion, Initial, Interface,
+    Causality, DeclaredType, Dynamics, ExportInfo, ExportedModel, FmiVersion, Initial, Interface,
     ModelDescription, Origin, Type, Value, Variability, Variable, erase_interfaces,
     read_interfaces,
 };
@@ -46,13 +46,13 @@ const SMALL_VARIANT: &str =
     "Tank=SmallTank;1:19:46026788191726469122:19:46218191175889715207:1:38:6:r\u{e9}:1;9:1:0";
 const OTHER_VARIANT: &str = "Sizes=Other;5:20:184467440737095516157:4:01230:19:4599075939685498880";
 
-fn description(copy: &[u8]) -> Description {
+fn description(copy: &[u8]) -> ExportedModel {
     let mut models = read_interfaces(copy).unwrap();
     assert_eq!(models.len(), 1);
     models.remove(0)
 }
 
-fn xml(model: &Description, version: FmiVersion) -> String {
+fn xml(model: &ExportedModel, version: FmiVersion) -> String {
     let origin = Origin {
         version: "1.2.3".into(),
         author: Some("A. & B.".into()),
@@ -123,10 +123,10 @@ fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
         let model = description(copy);
         let variables = model.variables.iter().map(|v| {
             let mut expected = v.clone();
-            expected.exported = Exported::default();
+            expected.exported = ExportInfo::default();
             if v.exported.size.is_some() {
-                expected.dimensions = vec![model.elements(v)];
-                expected.start.truncate(model.elements(v));
+                expected.dimensions = vec![model.elements_in_use(v)];
+                expected.start.truncate(model.elements_in_use(v));
             }
             if v.causality == Causality::Input {
                 expected.initial = Some(Initial::Exact);
@@ -141,14 +141,14 @@ fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
 
 #[test]
 fn descriptions_that_no_importer_could_read_are_errors() {
-    let other_items = |tank: &mut Description| {
+    let other_items = |tank: &mut ExportedModel| {
         let mut variables = tank.variables.iter_mut();
         let mode = variables.find(|v| v.of_type == Type::Enumeration).unwrap();
         let mut declared = DeclaredType::clone(mode.declared_type.as_ref().unwrap());
         declared.items.pop();
         mode.declared_type = Some(Arc::new(declared));
     };
-    type Case = (fn(&mut Description), &'static [FmiVersion], &'static str);
+    type Case = (fn(&mut ExportedModel), &'static [FmiVersion], &'static str);
     let cases: [Case; 3] = [
         (other_items, &FmiVersion::ALL, "two enumerations of Tank have the name PumpMode"),
         (
@@ -221,7 +221,7 @@ fn start_values_survive_the_way_through_the_compiler() {
 #[test]
 fn the_guid_changes_with_the_interface_only() {
     // The GUID of a model with one variable after a change.
-    let changed = |change: fn(&mut Field, &mut Interface)| {
+    let changed = |change: fn(&mut Declaration, &mut Interface)| {
         let (mut scalar, mut interface) = (TANK.scalars[0], TANK);
         let mut field = *scalar.variable;
         change(&mut field, &mut interface);
@@ -250,16 +250,16 @@ fn the_guid_changes_with_the_interface_only() {
         |field, _| field.unit = "m",
         |field, _| field.dynamics = Dynamics::State,
         |field, _| field.bounds = Bounds::Real(0.0, 1.0),
-        |field, _| field.start = Start::Float64(&[2.0]),
-        |field, _| field.start = Start::Float32(&[0.25]),
-        |field, _| field.start = Start::UInt8(&[1]),
-        |field, _| field.start = Start::Int8(&[1]),
-        |field, _| field.start = Start::Boolean(&[true]),
-        |field, _| field.start = Start::String(&["a"]),
-        |field, _| field.start = Start::Binary(&[b"a"]),
-        |field, _| field.start = Start::Binary(&[b"b"]),
-        |field, _| (field.start, field.mime_type) = (Start::Binary(&[b"a"]), "image/png"),
-    ] as [fn(&mut Field, &mut Interface); _]
+        |field, _| field.start = StartValues::Float64(&[2.0]),
+        |field, _| field.start = StartValues::Float32(&[0.25]),
+        |field, _| field.start = StartValues::UInt8(&[1]),
+        |field, _| field.start = StartValues::Int8(&[1]),
+        |field, _| field.start = StartValues::Boolean(&[true]),
+        |field, _| field.start = StartValues::String(&["a"]),
+        |field, _| field.start = StartValues::Binary(&[b"a"]),
+        |field, _| field.start = StartValues::Binary(&[b"b"]),
+        |field, _| (field.start, field.mime_type) = (StartValues::Binary(&[b"a"]), "image/png"),
+    ] as [fn(&mut Declaration, &mut Interface); _]
     {
         guids.push(changed(change));
     }

@@ -5,7 +5,7 @@ use std::fmt::Arguments;
 
 use anyhow::{Error, Result};
 use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
-use fmu_description::{Causality, Listed, Value};
+use fmu_description::{Causality, Value, XmlVariable};
 use fmu_host::{Cause, Failure, Instance, Status};
 
 use super::run::{EVENT_EVERY, Place, Run};
@@ -131,7 +131,12 @@ impl Run<'_> {
     /// Sets an input or a tunable parameter between two steps, and handles the event that this is. A continuous input is
     /// set in continuous-time mode, where it causes an event only if an indicator changes its sign, which need not be
     /// noticed. Returns whether it does.
-    pub fn jump(&mut self, variable: &Listed<'_>, values: &[Value], notices: bool) -> Result<bool> {
+    pub fn jump(
+        &mut self,
+        variable: &XmlVariable<'_>,
+        values: &[Value],
+        notices: bool,
+    ) -> Result<bool> {
         if variable.causality == Causality::Input
             && variable.of_type.is_float()
             && is_continuous(variable)

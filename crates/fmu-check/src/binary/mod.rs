@@ -17,7 +17,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use fmu_description::xml::Element;
-use fmu_description::{Listed, ModelDescription, Type};
+use fmu_description::{ModelDescription, Type, XmlVariable};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
@@ -349,7 +349,7 @@ impl Checker<'_> {
 
     fn run_tests(&mut self) -> Result<()> {
         for (_, variable) in self.model.variables() {
-            let (name, n) = (quote(&variable.name), variable.count());
+            let (name, n) = (quote(&variable.name), variable.element_count());
             if n > MAX_ELEMENTS {
                 let limit = format!("expected at most {MAX_ELEMENTS} for tests");
                 self.add(rule!("not-tested"), format!("{name} has {n} elements, {limit}"));
@@ -733,7 +733,7 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
 
 /// What no test can test of what an FMU has. Quick tests leave out most of what it can do anyway.
 fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
-    let has = |test: fn(&Listed<'_>) -> bool| model.variables().any(|(_, v)| test(v));
+    let has = |test: fn(&XmlVariable<'_>) -> bool| model.variables().any(|(_, v)| test(v));
     let interfaces = [model.co_simulation(), model.model_exchange()];
     let claims = |flag| {
         let mut all = interfaces.into_iter().flatten();

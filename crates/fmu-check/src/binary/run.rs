@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{boolean, whole};
 use fmu_description::xml::Element;
 use fmu_description::{
-    Causality, FmiVersion, Listed, ModelDescription, Type, Unknown, Value, Variability,
+    Causality, FmiVersion, ModelDescription, Type, Unknown, Value, Variability, XmlVariable,
 };
 use fmu_file::text::quote;
 use fmu_host::{
@@ -267,7 +267,8 @@ impl<'a> Subject<'a> {
         let in_2 = in_2.and_then(whole::<u32>).unwrap_or(0) as usize;
         let variables = model.variables().map(|(_, v)| v);
         let clocks: Vec<_> = variables.filter(|v| v.of_type == Type::Clock).collect();
-        let is_triggered = |v: &Listed<'_>| v.inherited("intervalVariability") == Some("triggered");
+        let is_triggered =
+            |v: &XmlVariable<'_>| v.inherited("intervalVariability") == Some("triggered");
         Ok(Self {
             start,
             stop,
@@ -408,28 +409,28 @@ impl<'a> Subject<'a> {
     }
 
     /// All variables that can be read, arrays included.
-    pub fn readable(&self) -> impl Iterator<Item = &'a Listed<'a>> {
+    pub fn readable(&self) -> impl Iterator<Item = &'a XmlVariable<'a>> {
         readable(self.model, &self.task.ignored)
     }
 
     /// The variables of a causality that can be read.
-    pub fn variables(&self, causality: Causality) -> impl Iterator<Item = &'a Listed<'a>> {
+    pub fn variables(&self, causality: Causality) -> impl Iterator<Item = &'a XmlVariable<'a>> {
         self.readable().filter(move |v| v.causality == causality)
     }
 
     /// The variables that the host sets: parameters and inputs.
-    pub fn settable(&self) -> impl Iterator<Item = &'a Listed<'a>> {
+    pub fn settable(&self) -> impl Iterator<Item = &'a XmlVariable<'a>> {
         self.readable().filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input))
     }
 
     /// The Float64 scalars of a causality that can be read.
-    pub fn reals(&self, causality: Causality) -> Vec<&'a Listed<'a>> {
+    pub fn reals(&self, causality: Causality) -> Vec<&'a XmlVariable<'a>> {
         let all = self.variables(causality);
         all.filter(|v| v.of_type == Type::Float64 && is_tested(v)).collect()
     }
 
     /// Of [`Subject::reals`], the continuous ones.
-    pub fn continuous(&self, causality: Causality) -> Vec<&'a Listed<'a>> {
+    pub fn continuous(&self, causality: Causality) -> Vec<&'a XmlVariable<'a>> {
         let mut reals = self.reals(causality);
         reals.retain(|v| is_continuous(v));
         reals
@@ -447,7 +448,7 @@ impl<'a> Subject<'a> {
         listed.chain(states).chain(outputs).map(|v| v.name.as_str()).collect()
     }
 
-    pub fn group(&self, variables: impl Iterator<Item = &'a Listed<'a>>) -> Observed<'a> {
+    pub fn group(&self, variables: impl Iterator<Item = &'a XmlVariable<'a>>) -> Observed<'a> {
         Observed::of(variables, self.model.version)
     }
 
@@ -464,7 +465,7 @@ impl<'a> Subject<'a> {
 /// Number of elements of the variables in a list.
 fn count(model: &ModelDescription<'_>, unknowns: &[Unknown<'_>]) -> usize {
     let variables = unknowns.iter().map(|u| model.variable(u.index));
-    variables.map(|v| v.map_or(1, |v| v.count())).sum()
+    variables.map(|v| v.map_or(1, |v| v.element_count())).sum()
 }
 
 /// Whether an interface type declares a flag, named as in FMI 2.0.
@@ -482,7 +483,7 @@ pub fn observed<'a>(model: &'a ModelDescription<'a>, without: &HashSet<String>) 
 }
 
 /// Whether a variable changes at events only.
-pub fn is_discrete(variable: &Listed<'_>) -> bool {
+pub fn is_discrete(variable: &XmlVariable<'_>) -> bool {
     let is_output = variable.causality == Causality::Output;
     variable.variability == Variability::Discrete || !variable.of_type.is_float() && is_output
 }
@@ -491,7 +492,7 @@ pub fn is_discrete(variable: &Listed<'_>) -> bool {
 pub fn readable<'a>(
     model: &'a ModelDescription<'a>,
     without: &HashSet<String>,
-) -> impl Iterator<Item = &'a Listed<'a>> {
+) -> impl Iterator<Item = &'a XmlVariable<'a>> {
     let all = model.variables().map(|(_, v)| v);
     all.filter(move |v| is_readable(v) && !without.contains(&v.name))
 }
@@ -639,36 +640,39 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    pub fn read(&mut self, variable: &Listed<'_>) -> Result<Vec<Value>> {
-        self.read_elements(variable, variable.count())
+    pub fn read(&mut self, variable: &XmlVariable<'_>) -> Result<Vec<Value>> {
+        self.read_elements(variable, variable.element_count())
     }
 
     /// Reads this number of elements of a variable.
-    pub fn read_elements(&mut self, variable: &Listed<'_>, n: usize) -> Result<Vec<Value>> {
+    pub fn read_elements(&mut self, variable: &XmlVariable<'_>, n: usize) -> Result<Vec<Value>> {
         let references = [variable.reference];
         let values = get(&mut self.instance, variable.of_type, &references, n);
         values.with_context(|| format!("{} cannot be read", quote(&variable.name)))
     }
 
-    pub fn value(&mut self, variable: &Listed<'_>) -> Result<Value> {
+    pub fn value(&mut self, variable: &XmlVariable<'_>) -> Result<Value> {
         self.read(variable)?.pop().context("it has no elements")
     }
 
     /// The values of a variable that the host sets. They cannot be read in initialization mode, in which it has its start
     /// values until a test changes them.
-    pub fn setting(&mut self, variable: &Listed<'_>) -> Result<Vec<Value>> {
+    pub fn setting(&mut self, variable: &XmlVariable<'_>) -> Result<Vec<Value>> {
         match self.is_initialized {
             true => self.read(variable),
             false => starts(variable).context(SKIP),
         }
     }
 
-    pub fn set(&mut self, variable: &Listed<'_>, values: &[Value]) -> fmu_host::Result {
+    pub fn set(&mut self, variable: &XmlVariable<'_>, values: &[Value]) -> fmu_host::Result {
         self.instance.set_values(variable.of_type, &[variable.reference], values)
     }
 
     /// Sets variables to other values than their start values; the test ends if the FMU refuses one.
-    pub fn change<'b>(&mut self, variables: impl Iterator<Item = &'b Listed<'b>>) -> Result<()> {
+    pub fn change<'b>(
+        &mut self,
+        variables: impl Iterator<Item = &'b XmlVariable<'b>>,
+    ) -> Result<()> {
         for variable in variables {
             if let Some(values) = others(variable).first() {
                 self.set(variable, values).ok().context(SKIP)?;

@@ -3,7 +3,7 @@
 
 use anyhow::{Result, bail};
 use fmu_description::value::real;
-use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value};
+use fmu_description::{Causality, FmiVersion, ModelDescription, Type, Value, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Success};
 
@@ -59,12 +59,12 @@ pub fn shown(value: &Value) -> String {
     }
 }
 
-pub fn references(variables: &[&Listed<'_>]) -> Vec<u32> {
+pub fn references(variables: &[&XmlVariable<'_>]) -> Vec<u32> {
     variables.iter().map(|v| v.reference).collect()
 }
 
 /// The name of an element of a variable, in quotes.
-pub fn element_name(variable: &Listed<'_>, element: usize) -> String {
+pub fn element_name(variable: &XmlVariable<'_>, element: usize) -> String {
     quote(&variable.element_name(&variable.name, element))
 }
 
@@ -75,39 +75,40 @@ pub type Trajectory = Vec<(f64, Row)>;
 
 /// Variables that are read together, one call for each type.
 pub struct Observed<'a> {
-    variables: Vec<&'a Listed<'a>>,
+    variables: Vec<&'a XmlVariable<'a>>,
     /// The value references and the number of elements of the variables of each type.
     parts: Vec<(Type, Vec<u32>, usize)>,
 }
 
 /// The first difference of an element between two runs.
 pub struct Difference<'a> {
-    pub variable: &'a Listed<'a>,
+    pub variable: &'a XmlVariable<'a>,
     time: f64,
     /// Describes it.
     pub text: String,
 }
 
 impl<'a> Observed<'a> {
-    pub fn of(variables: impl Iterator<Item = &'a Listed<'a>>, version: FmiVersion) -> Self {
-        let accessed = |v: &&Listed<'_>| v.of_type.accessed_as(version) as u8;
+    pub fn of(variables: impl Iterator<Item = &'a XmlVariable<'a>>, version: FmiVersion) -> Self {
+        let accessed = |v: &&XmlVariable<'_>| v.of_type.accessed_as(version) as u8;
         let mut variables: Vec<_> = variables.collect();
         variables.sort_by_key(accessed);
         let parts = variables.chunk_by(|a, b| accessed(a) == accessed(b));
         let parts = parts.map(|part| {
-            let count = part.iter().map(|v| v.count()).sum();
+            let count = part.iter().map(|v| v.element_count()).sum();
             (part[0].of_type, references(part), count)
         });
         Self { parts: parts.collect(), variables }
     }
 
-    pub fn variables(&self) -> impl DoubleEndedIterator<Item = &'a Listed<'a>> {
+    pub fn variables(&self) -> impl DoubleEndedIterator<Item = &'a XmlVariable<'a>> {
         self.variables.iter().copied()
     }
 
     /// The variables and the indices of their elements, in the order of a row.
-    pub fn elements(&self) -> impl Iterator<Item = (&'a Listed<'a>, usize)> {
-        let elements = |v: &'a Listed<'a>| (0..v.count()).map(move |element| (v, element));
+    pub fn elements(&self) -> impl Iterator<Item = (&'a XmlVariable<'a>, usize)> {
+        let elements =
+            |v: &'a XmlVariable<'a>| (0..v.element_count()).map(move |element| (v, element));
         self.variables().flat_map(elements)
     }
 
@@ -145,7 +146,7 @@ impl<'a> Observed<'a> {
         tolerance: f64,
         [when, like]: [&str; 2],
     ) -> Vec<Difference<'a>> {
-        let first = |(at, (variable, element)): (usize, (&'a Listed<'a>, usize))| {
+        let first = |(at, (variable, element)): (usize, (&'a XmlVariable<'a>, usize))| {
             let rows = actual.iter().chain(expected);
             let sizes = rows.map(|(_, row)| row.get(at).map_or(0.0, size));
             let difference = tolerance * sizes.fold(1e-9, f64::max);
@@ -209,7 +210,7 @@ pub const EXCITATIONS: [f64; 3] = [0.5, 0.02, 0.0];
 
 /// Whether the tests read and set a variable as a scalar: not arrays, Binaries, clocks and structural
 /// parameters.
-pub fn is_tested(variable: &Listed<'_>) -> bool {
+pub fn is_tested(variable: &XmlVariable<'_>) -> bool {
     variable.dimensions.is_empty()
         && !matches!(variable.of_type, Type::Binary | Type::Clock)
         && variable.causality != Causality::StructuralParameter
@@ -217,10 +218,10 @@ pub fn is_tested(variable: &Listed<'_>) -> bool {
 }
 
 /// Whether the tests read a variable: a scalar, or an array of numbers or Booleans that is not too large.
-pub fn is_readable(variable: &Listed<'_>) -> bool {
+pub fn is_readable(variable: &XmlVariable<'_>) -> bool {
     let is_other = matches!(variable.of_type, Type::String | Type::Binary | Type::Clock);
     let is_array = !variable.dimensions.is_empty()
-        && variable.count() <= MAX_ELEMENTS
+        && variable.element_count() <= MAX_ELEMENTS
         && !is_other
         && variable.causality != Causality::StructuralParameter
         && !is_clocked(variable);
@@ -229,7 +230,7 @@ pub fn is_readable(variable: &Listed<'_>) -> bool {
 
 /// An input, and how its value changes.
 pub struct Input<'a> {
-    pub variable: &'a Listed<'a>,
+    pub variable: &'a XmlVariable<'a>,
     index: u64,
     /// Of its elements, the first ones of a large array.
     signals: Vec<Signal>,
@@ -247,7 +248,7 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
     let inputs = model.variables().map(|(_, v)| v);
     let inputs = inputs.filter(|v| v.causality == Causality::Input && is_readable(v));
     let inputs = inputs.zip(0..).map(|(variable, index)| {
-        let elements = 0..variable.count().min(MAX_EXCITED);
+        let elements = 0..variable.element_count().min(MAX_EXCITED);
         let signals = elements.map(|element| Signal::of(variable, element, index)).collect();
         Input { variable, index, signals }
     });
@@ -256,7 +257,7 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
 
 impl Signal {
     /// How an element of a variable changes, which is one of several inputs.
-    fn of(variable: &Listed<'_>, element: usize, index: u64) -> Self {
+    fn of(variable: &XmlVariable<'_>, element: usize, index: u64) -> Self {
         let start = variable.start_of(element).cloned();
         match variable.of_type {
             Type::Float32 | Type::Float64 => {
@@ -278,7 +279,13 @@ impl Signal {
         }
     }
 
-    fn value(&self, of: &Listed<'_>, excitation: f64, key: u64, point: usize) -> Option<Value> {
+    fn value(
+        &self,
+        of: &XmlVariable<'_>,
+        excitation: f64,
+        key: u64,
+        point: usize,
+    ) -> Option<Value> {
         match self {
             Self::Real(start, size) if excitation > 0.0 => {
                 let value = start + excitation * size * signal(key, point);
@@ -295,7 +302,7 @@ impl Signal {
 }
 
 /// How far a real number with a start value may usually move.
-pub fn usual_change(variable: &Listed<'_>, start: f64) -> f64 {
+pub fn usual_change(variable: &XmlVariable<'_>, start: f64) -> f64 {
     let (min, max) = real_range(variable);
     let nominal = variable.inherited("nominal").and_then(real).unwrap_or(1.0);
     let usual = start.abs().max(nominal.abs());
@@ -311,8 +318,8 @@ impl Input<'_> {
             signal.value(self.variable, excitation, key, point)
         });
         let excited: Vec<Value> = elements.collect::<Option<_>>()?;
-        let others =
-            (excited.len()..self.variable.count()).map(|k| self.variable.start_of(k).cloned());
+        let others = (excited.len()..self.variable.element_count())
+            .map(|k| self.variable.start_of(k).cloned());
         let others: Option<Vec<Value>> = others.collect();
         Some([excited, others?].concat())
     }
@@ -323,7 +330,7 @@ impl Input<'_> {
     }
 }
 
-pub fn real_range(variable: &Listed<'_>) -> (f64, f64) {
+pub fn real_range(variable: &XmlVariable<'_>) -> (f64, f64) {
     let bound = |bound: &Option<Value>| bound.as_ref()?.as_real();
     (
         bound(&variable.min).unwrap_or(f64::NEG_INFINITY),
@@ -332,7 +339,7 @@ pub fn real_range(variable: &Listed<'_>) -> (f64, f64) {
 }
 
 /// Whether the XML allows a value: a number in its range, or that of an item.
-pub fn allows(variable: &Listed<'_>, value: &Value) -> bool {
+pub fn allows(variable: &XmlVariable<'_>, value: &Value) -> bool {
     let mut items = variable.items().iter();
     match value.as_whole() {
         Some(number) if variable.of_type == Type::Enumeration => {
@@ -344,7 +351,7 @@ pub fn allows(variable: &Listed<'_>, value: &Value) -> bool {
 
 /// Values of a scalar that the XML allows: all items of an Enumeration; of others, the start value and those
 /// around it.
-fn near(variable: &Listed<'_>, start: &Value) -> Vec<Value> {
+fn near(variable: &XmlVariable<'_>, start: &Value) -> Vec<Value> {
     let of_type = variable.of_type;
     let mut near: Vec<Value> = match (start, start.as_real(), start.as_whole()) {
         (Value::Boolean(start), ..) => [*start, !start].map(Value::Boolean).into(),
@@ -368,17 +375,17 @@ fn near(variable: &Listed<'_>, start: &Value) -> Vec<Value> {
 }
 
 /// The start values of the elements of a variable.
-pub fn starts(variable: &Listed<'_>) -> Option<Vec<Value>> {
-    (0..variable.count()).map(|element| variable.start_of(element).cloned()).collect()
+pub fn starts(variable: &XmlVariable<'_>) -> Option<Vec<Value>> {
+    (0..variable.element_count()).map(|element| variable.start_of(element).cloned()).collect()
 }
 
 /// Another value of a scalar than its start value, which must be in the XML.
-pub fn other(variable: &Listed<'_>) -> Option<Value> {
+pub fn other(variable: &XmlVariable<'_>) -> Option<Value> {
     others(variable).into_iter().next()?.pop()
 }
 
 /// Other values of a variable than its start values. Those of an array differ in each element that may have another one.
-pub fn others(variable: &Listed<'_>) -> Vec<Vec<Value>> {
+pub fn others(variable: &XmlVariable<'_>) -> Vec<Vec<Value>> {
     let Some(starts) = starts(variable) else { return Vec::new() };
     let others = |start: &Value| {
         let mut others = near(variable, start);

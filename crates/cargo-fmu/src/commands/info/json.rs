@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
-use fmu_description::{Listed, ModelDescription, Value as Start};
+use fmu_description::{ModelDescription, Value as Start, XmlVariable};
 use fmu_file::archive::{Archive, TERMINALS};
 use serde_json::{Map, Value, json};
 
@@ -74,7 +74,7 @@ fn attributes(element: &Element<'_>) -> Map<String, Value> {
     attributes.map(|(name, text)| ((*name).to_owned(), json!(text))).collect()
 }
 
-fn described(variable: &Listed<'_>) -> Value {
+fn described(variable: &XmlVariable<'_>) -> Value {
     let starts = Vec::from_iter(variable.start.iter().map(value));
     let start = match starts.as_slice() {
         [] => Value::Null,

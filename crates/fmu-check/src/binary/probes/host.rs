@@ -10,7 +10,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use fmu_description::{Causality, Listed, Type, Value, Variability};
+use fmu_description::{Causality, Type, Value, Variability, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::{InterfaceType, Treatment, environment, fmi2, stray_messages};
 
@@ -479,7 +479,7 @@ const TYPES: [(&str, Type); 3] =
 
 /// Reads and writes value references that do not exist, and reads those that have another type.
 pub fn unknown_references(subject: &Subject<'_>) -> Result<()> {
-    let accessed = |v: &Listed<'_>| v.of_type.accessed_as(subject.model.version);
+    let accessed = |v: &XmlVariable<'_>| v.of_type.accessed_as(subject.model.version);
     let variables = || subject.model.variables().map(|(_, v)| v);
     let known: HashSet<_> = variables().map(|v| (accessed(v), v.reference)).collect();
     let unknown = unknown(subject);
@@ -548,7 +548,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
         let items = variable.items().iter().map(|item| item.value);
         let Some(value) = items.max().and_then(|last| last.checked_add(1)) else { continue };
         let (name, values) =
-            (quote(&variable.name), vec![Value::Enumeration(value); variable.count()]);
+            (quote(&variable.name), vec![Value::Enumeration(value); variable.element_count()]);
         let what = format!("setting {name} to {value}, which is the value of no item");
         refused.call(what, Run::instantiate, |run| run.set(variable, &values))?;
     }
@@ -630,16 +630,16 @@ pub fn array_lengths(subject: &Subject<'_>) -> Result<()> {
     let arrays = readable(subject.model, &none).filter(|v| !v.dimensions.is_empty());
     let mut refused = Refused::new(subject);
     for variable in arrays.take(4) {
-        let n = variable.count();
+        let n = variable.element_count();
         for wrong in [n + 1, n.saturating_sub(1)] {
             let name = quote(&variable.name);
             let what = format!("reading {wrong} values of {name}, which has {n}");
             refused.call(what, Run::begin, |run| run.read_elements(variable, wrong))?;
         }
     }
-    let is_number = |v: &&Listed<'_>| v.of_type != Type::String && !v.start.is_empty();
+    let is_number = |v: &&XmlVariable<'_>| v.of_type != Type::String && !v.start.is_empty();
     for variable in subject.settable().filter(is_number).take(8) {
-        let (n, name) = (variable.count(), quote(&variable.name));
+        let (n, name) = (variable.element_count(), quote(&variable.name));
         for wrong in [n + 1, n - 1] {
             let Some(start) = variable.start_of(0) else { continue };
             let what = format!("setting {wrong} values of {name}, which has {n}");
@@ -690,7 +690,7 @@ pub fn nan(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::stepped(subject, subject.setup())?;
     for input in subject.inputs.iter().map(|input| input.variable) {
         if input.of_type == Type::Float64 {
-            let _ = run.set(input, &vec![Value::Float64(f64::NAN); input.count()]);
+            let _ = run.set(input, &vec![Value::Float64(f64::NAN); input.element_count()]);
         }
     }
     let _ = match subject.interface_type {
@@ -716,7 +716,7 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
         let mut run = Run::stepped(subject, subject.setup())?;
         let name = quote(&input.name);
         subject.report.stage(format!("with {name} = {value}"));
-        if run.set(input, &vec![Value::Float64(value); input.count()]).is_err() {
+        if run.set(input, &vec![Value::Float64(value); input.element_count()]).is_err() {
             continue;
         }
         // The run sets its inputs itself, so steps are taken without it.

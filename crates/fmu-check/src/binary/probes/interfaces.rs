@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use fmu_description::{Causality, Listed, Value, Variability};
+use fmu_description::{Causality, Value, Variability, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::Library;
 
@@ -32,7 +32,7 @@ const SHARE: f64 = 0.1;
 
 /// An input or tunable parameter that jumps.
 struct Jump<'a> {
-    variable: &'a Listed<'a>,
+    variable: &'a XmlVariable<'a>,
     values: Vec<Value>,
     /// Where the same happens again.
     again: Vec<Value>,
@@ -65,7 +65,7 @@ pub fn input_events(subject: &Subject<'_>) -> Result<()> {
     };
     let task = Task { interface: "ModelExchange".to_owned(), ..subject.task.clone() };
     let exchange = Subject::new(&task, subject.model, &library, subject.report)?;
-    let has_role = |v: &&Listed<'_>| v.causality == Causality::Output || is_discrete(v);
+    let has_role = |v: &&XmlVariable<'_>| v.causality == Causality::Output || is_discrete(v);
     let states = (subject.model.derivatives.iter()).filter_map(|unknown| {
         let derivative = subject.model.variable(unknown.index)?;
         Some(subject.model.referred(derivative.value, "derivative")?.reference)
@@ -121,8 +121,8 @@ impl<'a> Pair<'a> {
     }
 
     /// What jumps: inputs, and the parameters that can be set in a run.
-    fn knowns(&self) -> impl Iterator<Item = &'a Listed<'a>> {
-        let known = |v: &&Listed<'_>| {
+    fn knowns(&self) -> impl Iterator<Item = &'a XmlVariable<'a>> {
+        let known = |v: &&XmlVariable<'_>| {
             v.causality == Causality::Input || v.variability == Variability::Tunable
         };
         self.co_simulation.settable().filter(known).take(MAX_KNOWNS)
@@ -210,7 +210,7 @@ impl<'a> Pair<'a> {
         };
         let runs = Runs { usual, still, right: &right, given: &given, missed: missed.as_ref(), at };
         let elements = self.compared.elements().enumerate();
-        let differs = |(element, (variable, _)): &(usize, (&Listed<'_>, usize))| match variable
+        let differs = |(element, (variable, _)): &(usize, (&XmlVariable<'_>, usize))| match variable
             .of_type
             .is_float()
             && is_continuous(variable)
@@ -313,7 +313,7 @@ impl Runs<'_> {
 }
 
 /// The jumps of a variable: by several sizes in both directions, or to other values near the start value.
-fn jumps<'a>(variable: &'a Listed<'a>) -> Vec<Jump<'a>> {
+fn jumps<'a>(variable: &'a XmlVariable<'a>) -> Vec<Jump<'a>> {
     const SIZES: [f64; 5] = [1.0, -1.0, 3.0, -3.0, 0.3];
     /// The other jump is a little smaller, for what depends on the size.
     const AGAIN: f64 = 0.96;

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use fmu_description::{Causality, Listed, Unknown, Value};
+use fmu_description::{Causality, Unknown, Value, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::InterfaceType;
 
@@ -22,7 +22,7 @@ const MODERATE: f64 = 1e3;
 const WARM_UP: usize = 15;
 
 /// The value of a continuous input in a region, not at a bound.
-fn elsewhere(input: &Listed<'_>, share: f64) -> Option<f64> {
+fn elsewhere(input: &XmlVariable<'_>, share: f64) -> Option<f64> {
     let start = starts(input)?.first()?.as_real()?;
     let (min, max) = real_range(input);
     let to = start + share * usual_change(input, start);
@@ -93,7 +93,7 @@ pub fn derivatives(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Compares derivatives of outputs with their changes, with inputs that keep other values, as far as there is time.
-pub fn output_derivatives(subject: &Subject<'_>, outputs: &[&Listed<'_>]) -> Result<()> {
+pub fn output_derivatives(subject: &Subject<'_>, outputs: &[&XmlVariable<'_>]) -> Result<()> {
     let (begin, limit) = (Instant::now(), Duration::from_secs(subject.task.seconds) / 10);
     for share in SHARES {
         let mut run = Run::initializing(subject, subject.still())?;
@@ -112,7 +112,7 @@ pub fn output_derivatives(subject: &Subject<'_>, outputs: &[&Listed<'_>]) -> Res
 
 /// A dependency whose factor is the same in the whole run, by the XML.
 struct Linear<'a> {
-    unknown: &'a Listed<'a>,
+    unknown: &'a XmlVariable<'a>,
     known: Known<'a>,
     kind: &'a str,
     /// The factor where it was found first.
@@ -130,7 +130,7 @@ pub fn kinds<'a>(subject: &Subject<'a>) -> Result<()> {
     }
     let reals = subject.reals(Causality::Output);
     let derivatives = state_pairs(subject).unwrap_or_default().0;
-    let is_read = |v: &Listed<'_>| {
+    let is_read = |v: &XmlVariable<'_>| {
         let mut all = reals.iter().chain(&derivatives);
         all.any(|real| real.name == v.name)
     };

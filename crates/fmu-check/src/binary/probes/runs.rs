@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, ensure};
-use fmu_description::{Causality, Listed, Type, Value, Variability};
+use fmu_description::{Causality, Type, Value, Variability, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::InterfaceType;
 
@@ -119,7 +119,7 @@ fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<Pace>, Found) {
 }
 
 /// The rule that a value in a run breaks, and what was expected.
-fn fault(variable: &Listed<'_>, value: &Value) -> Option<(&'static Rule, String)> {
+fn fault(variable: &XmlVariable<'_>, value: &Value) -> Option<(&'static Rule, String)> {
     let invalid = |expected: &str| Some((rule!("valid-values"), expected.to_owned()));
     match (value, value.as_real()) {
         (Value::String(text), _) if text.contains(char::REPLACEMENT_CHARACTER) => {
@@ -360,10 +360,10 @@ fn follow_time(subject: &Subject<'_>, mut run: Run<'_>, steps: usize) -> Result<
 /// Changes each tunable parameter before the run and in it, and compares the outputs with those of a run without
 /// changes.
 pub fn tunable_effect(subject: &Subject<'_>) -> Result<()> {
-    let tunable = |v: &&Listed<'_>| v.variability == Variability::Tunable;
+    let tunable = |v: &&XmlVariable<'_>| v.variability == Variability::Tunable;
     let later = subject.task.steps / 4;
     let outputs = subject.group(subject.variables(Causality::Output));
-    let last = |change: Option<(&Listed<'_>, usize)>| -> Result<Trajectory> {
+    let last = |change: Option<(&XmlVariable<'_>, usize)>| -> Result<Trajectory> {
         let mut run = Run::instantiate(subject, subject.setup())?;
         let mut rows = Trajectory::new();
         for step in 0..subject.task.steps {

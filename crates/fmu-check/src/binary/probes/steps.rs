@@ -1,7 +1,7 @@
 //! The same run with communication steps of several sizes.
 
 use anyhow::{Context, Result, bail};
-use fmu_description::Listed;
+use fmu_description::XmlVariable;
 
 use crate::binary::run::{Run, SKIP, Subject};
 use crate::binary::values::{Row, element_name, is_near, shown, size};
@@ -81,7 +81,7 @@ impl Differences {
     /// Compares a run with every few rows of the usual one.
     fn of(subject: &Subject<'_>, usual: &[Row], rows: &[Row], every: usize) -> Self {
         let mut continuous: f64 = 0.0;
-        let of_element = |(element, (variable, _)): (usize, (&Listed<'_>, usize))| {
+        let of_element = |(element, (variable, _)): (usize, (&XmlVariable<'_>, usize))| {
             let usual_rows = usual.iter().step_by(every);
             let values = rows.iter().chain(usual).map(|row| size(&row[element]));
             let scale = values.fold(1e-9, f64::max);
@@ -106,7 +106,7 @@ impl Differences {
 
     /// Whether an element differs, unlike with the next shorter steps. A discrete variable may follow a continuous one,
     /// in which the solver errs.
-    fn are_sudden(&self, before: &Self, element: usize, variable: &Listed<'_>) -> bool {
+    fn are_sudden(&self, before: &Self, element: usize, variable: &XmlVariable<'_>) -> bool {
         let ([_, last], [largest, _]) = (self.of_elements[element], before.of_elements[element]);
         let error = if is_continuous(variable) { largest } else { before.continuous.max(largest) };
         last > LEAST.max(GROWTH * error)

@@ -5,7 +5,9 @@ use std::hint::black_box;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::whole;
-use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Unknown, Value, Variability};
+use fmu_description::{
+    Causality, FmiVersion, Initial, Type, Unknown, Value, Variability, XmlVariable,
+};
 use fmu_file::text::quote;
 use fmu_host::{Instance, InterfaceType};
 
@@ -28,7 +30,7 @@ const STEPS: usize = 20;
 pub fn readable(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::begin(subject, subject.still())?;
     let mut refused = 0;
-    let is_dependent = |v: &&Listed<'_>| v.causality != Causality::Independent;
+    let is_dependent = |v: &&XmlVariable<'_>| v.causality != Causality::Independent;
     for variable in subject.readable().filter(is_dependent) {
         if let Err(error) = run.read(variable) {
             let report = subject.report;
@@ -48,7 +50,7 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
 /// sets and of constants, after it.
 pub fn start(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::initializing(subject, subject.still())?;
-    let has_start = |v: &&Listed<'_>| {
+    let has_start = |v: &&XmlVariable<'_>| {
         let is_exact = v.initial == Some(Initial::Exact) || v.causality == Causality::Input;
         is_exact && !v.start.is_empty()
     };
@@ -60,7 +62,7 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
     }
     run.exit_initialization()?;
     // A discrete local variable may have changed at once.
-    let is_kept = |v: &&Listed<'_>| {
+    let is_kept = |v: &&XmlVariable<'_>| {
         use Variability::{Constant, Fixed, Tunable};
         v.causality == Causality::Input || matches!(v.variability, Constant | Fixed | Tunable)
     };
@@ -70,7 +72,7 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-fn compare_start(run: &mut Run<'_>, variable: &Listed<'_>) -> Result<()> {
+fn compare_start(run: &mut Run<'_>, variable: &XmlVariable<'_>) -> Result<()> {
     let values = match run.read(variable) {
         Ok(values) => values,
         Err(error) => {
@@ -117,7 +119,7 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
     same(alone, "when it is read alone", like)?;
     guarded(subject, &mut run)?;
     let mut backwards = together[0].1.clone();
-    let is_real = |v: &Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
+    let is_real = |v: &XmlVariable<'_>| v.of_type == Type::Float64 && is_tested(v);
     let reals = all.elements().enumerate();
     let reals = reals.filter(|(_, (v, _))| is_real(v));
     let mut reals: Vec<_> = reals.map(|(at, (v, _))| (at, v.reference)).collect();
@@ -173,7 +175,7 @@ pub fn nothing(subject: &Subject<'_>) -> Result<()> {
 
 /// Variables with the same value reference have the same value.
 pub fn aliases(subject: &Subject<'_>) -> Result<()> {
-    let mut first: HashMap<(Type, u32), (&Listed<'_>, Vec<Value>)> = HashMap::new();
+    let mut first: HashMap<(Type, u32), (&XmlVariable<'_>, Vec<Value>)> = HashMap::new();
     let mut run = Run::after(subject, STEPS)?;
     for variable in subject.observed.variables() {
         let values = run.read(variable)?;
@@ -232,7 +234,7 @@ fn are_kept<'a>(
     settle: impl FnOnce(&mut Run<'a>) -> Result<()>,
 ) -> Result<bool> {
     let subject = run.subject;
-    let value = |variable: &Listed<'_>| {
+    let value = |variable: &XmlVariable<'_>| {
         let is_bounded = variable.min.is_some() || variable.max.is_some();
         let others = others(variable);
         let large =
@@ -245,8 +247,9 @@ fn are_kept<'a>(
             _ => others.into_iter().next()?.pop(),
         }
     };
-    let is_set =
-        |v: &&Listed<'_>| is_tested(v) && causalities.contains(&v.causality) && value(v).is_some();
+    let is_set = |v: &&XmlVariable<'_>| {
+        is_tested(v) && causalities.contains(&v.causality) && value(v).is_some()
+    };
     let variables = subject.group(subject.settable().filter(is_set));
     let values: Row = variables.variables().filter_map(value).collect();
     let set = |run: &mut Run<'a>| -> Result<()> {
@@ -292,15 +295,17 @@ fn are_kept<'a>(
 /// those, to their start values in another order, and reads them in initialization mode.
 pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
     use Causality::{Input, Parameter};
-    let is_set = |v: &&Listed<'_>| {
+    let is_set = |v: &&XmlVariable<'_>| {
         let is_number = v.start.iter().all(|x| x.as_real().is_some() || x.as_whole().is_some());
-        let is_given = v.start.len() == 1 || v.start.len() == v.count();
+        let is_given = v.start.len() == 1 || v.start.len() == v.element_count();
         matches!(v.causality, Input | Parameter) && is_number && is_given
     };
     let arrays = subject.readable().filter(|v| !v.dimensions.is_empty());
     let arrays = subject.group(arrays.filter(is_set));
-    let starts = |v: &Listed<'_>| (0..v.count()).filter_map(|k| v.start_of(k).cloned()).collect();
-    let distinct = |v: &Listed<'_>| -> Vec<Value> {
+    let starts = |v: &XmlVariable<'_>| {
+        (0..v.element_count()).filter_map(|k| v.start_of(k).cloned()).collect()
+    };
+    let distinct = |v: &XmlVariable<'_>| -> Vec<Value> {
         let starts: Vec<Value> = starts(v);
         let changed = |(k, start): (usize, &Value)| {
             let other = match start.as_real() {
@@ -312,7 +317,7 @@ pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
         let changed = |(k, start)| changed((k, start)).unwrap_or_else(|| start.clone());
         starts.iter().enumerate().map(changed).collect()
     };
-    let reversed = |v: &Listed<'_>| -> Vec<Value> {
+    let reversed = |v: &XmlVariable<'_>| -> Vec<Value> {
         let mut starts: Vec<Value> = starts(v);
         starts.reverse();
         starts
@@ -370,7 +375,7 @@ pub fn tunable(subject: &Subject<'_>) -> Result<()> {
 
 /// The strings of an instance stay when another instance sets and gets its own.
 pub fn strings_of_instances(subject: &Subject<'_>) -> Result<()> {
-    let is_string = |v: &&Listed<'_>| v.of_type == Type::String;
+    let is_string = |v: &&XmlVariable<'_>| v.of_type == Type::String;
     let readable = subject.observed.variables().filter(is_string);
     let references: Vec<u32> = readable.map(|v| v.reference).collect();
     if references.is_empty() {
@@ -401,7 +406,7 @@ pub fn strings_of_instances(subject: &Subject<'_>) -> Result<()> {
 
 /// Runs with another value of each structural parameter that its bounds allow.
 pub fn sizes(subject: &Subject<'_>) -> Result<()> {
-    let is_size = |v: &&Listed<'_>| {
+    let is_size = |v: &&XmlVariable<'_>| {
         v.causality == Causality::StructuralParameter && v.of_type == Type::UInt64
     };
     let parameters = subject.model.variables().map(|(_, v)| v);
@@ -417,7 +422,7 @@ pub fn sizes(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: &Value) -> Result<()> {
+fn resized(subject: &Subject<'_>, parameter: &XmlVariable<'_>, size: &Value) -> Result<()> {
     let mut run = Run::instantiate(subject, subject.still())?;
     run.instance.enter_configuration_mode()?;
     run.set(parameter, std::slice::from_ref(size))?;
@@ -445,7 +450,7 @@ fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: &Value) -> Resul
 }
 
 /// The number of elements with another value of a structural parameter; `None` if it has no effect.
-fn count(variable: &Listed<'_>, parameter: &Listed<'_>, size: &Value) -> Option<usize> {
+fn count(variable: &XmlVariable<'_>, parameter: &XmlVariable<'_>, size: &Value) -> Option<usize> {
     let mut dimensions = variable.dimensions.clone();
     for (dimension, n) in variable.element.children("Dimension").zip(&mut dimensions) {
         let reference = dimension.attribute("valueReference").and_then(whole);
@@ -486,7 +491,7 @@ impl<'a> Dependencies<'a> {
         Self::of(subject, subject.model.outputs.iter().chain(&subject.model.derivatives))
     }
 
-    fn allow(&self, output: &Listed<'_>, input: &Listed<'_>) -> bool {
+    fn allow(&self, output: &XmlVariable<'_>, input: &XmlVariable<'_>) -> bool {
         let listed = self.0.get(output.name.as_str());
         listed.is_none_or(|listed| listed.contains(input.name.as_str()))
     }
@@ -497,7 +502,7 @@ impl<'a> Dependencies<'a> {
 /// unknowns.
 fn moved(
     run: &mut Run<'_>,
-    (known, state, value): (&Listed<'_>, Option<usize>, f64),
+    (known, state, value): (&XmlVariable<'_>, Option<usize>, f64),
     change: f64,
     unknowns: &[u32],
 ) -> Result<Vec<f64>> {
@@ -532,13 +537,13 @@ fn directional(
 }
 
 /// A known, and its index if it is a state.
-pub type Known<'a> = (&'a Listed<'a>, Option<usize>);
+pub type Known<'a> = (&'a XmlVariable<'a>, Option<usize>);
 
 /// Compares the directional derivatives of all pairs that the XML lists with difference quotients, and those for a
 /// seed with several elements with their sum; returns whether there is a pair.
 pub fn compare_all(
     run: &mut Run<'_>,
-    unknowns: &[&Listed<'_>],
+    unknowns: &[&XmlVariable<'_>],
     knowns: &[Known<'_>],
     allowed: &Dependencies<'_>,
 ) -> Result<bool> {
@@ -548,7 +553,7 @@ pub fn compare_all(
     let values: Vec<Value> = knowns.iter().map(value).collect::<Result<_>>()?;
     for (known, value) in knowns.iter().zip(values.iter().filter_map(Value::as_real)) {
         // All derivatives belong to a state.
-        let is_pair = |u: &&&Listed<'_>| known.1.is_some() || allowed.allow(u, known.0);
+        let is_pair = |u: &&&XmlVariable<'_>| known.1.is_some() || allowed.allow(u, known.0);
         let unknowns: Vec<_> = unknowns.iter().filter(is_pair).copied().collect();
         if !unknowns.is_empty() {
             let given = compare(run, &unknowns, *known, value)?;
@@ -577,7 +582,7 @@ const NUMERICAL: f64 = 5e-2;
 /// Compares a directional derivative with difference quotients to both sides of a value, within the bounds of the XML.
 fn compare(
     run: &mut Run<'_>,
-    unknowns: &[&Listed<'_>],
+    unknowns: &[&XmlVariable<'_>],
     (known, state): Known<'_>,
     value: f64,
 ) -> Result<Vec<f64>> {
@@ -632,7 +637,7 @@ fn compare(
 /// The unknowns and knowns of directional derivatives after initialization.
 pub fn in_run<'a>(
     subject: &Subject<'a>,
-) -> (Vec<&'a Listed<'a>>, Vec<Known<'a>>, Dependencies<'a>) {
+) -> (Vec<&'a XmlVariable<'a>>, Vec<Known<'a>>, Dependencies<'a>) {
     let (mut unknowns, mut states) = state_pairs(subject).unwrap_or_default();
     unknowns.extend(subject.continuous(Causality::Output));
     if subject.interface_type == InterfaceType::CoSimulation {
@@ -676,9 +681,9 @@ pub fn derivatives_in_initialization(subject: &Subject<'_>) -> Result<()> {
 /// The Float64 unknowns of the initialization whose dependencies the XML lists, and what a host may set then.
 fn initial_pairs<'a>(
     subject: &Subject<'a>,
-) -> (Vec<&'a Listed<'a>>, Vec<Known<'a>>, Dependencies<'a>) {
+) -> (Vec<&'a XmlVariable<'a>>, Vec<Known<'a>>, Dependencies<'a>) {
     let model = subject.model;
-    let is_real = |v: &&Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
+    let is_real = |v: &&XmlVariable<'_>| v.of_type == Type::Float64 && is_tested(v);
     let listed = model.initial_unknowns.iter().filter(|unknown| unknown.dependencies.is_some());
     let unknowns = listed.filter_map(|unknown| model.variable(unknown.index).filter(is_real));
     let knowns = subject.settable().filter(is_real).map(|v| (v, None)).take(MAX_INPUTS);
@@ -709,11 +714,11 @@ pub fn unlisted_derivatives(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// The derivatives of the states, and the states, if all are scalars that are tested.
-pub type Pairs<'a> = (Vec<&'a Listed<'a>>, Vec<&'a Listed<'a>>);
+pub type Pairs<'a> = (Vec<&'a XmlVariable<'a>>, Vec<&'a XmlVariable<'a>>);
 
 pub fn state_pairs<'a>(subject: &Subject<'a>) -> Option<Pairs<'a>> {
     let model = subject.model;
-    let is_tested = |v: &&Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
+    let is_tested = |v: &&XmlVariable<'_>| v.of_type == Type::Float64 && is_tested(v);
     let pairs = model.derivatives.iter().map(|unknown| {
         let derivative = model.variable(unknown.index).filter(is_tested)?;
         let state = model.referred(derivative.value, "derivative").filter(is_tested)?;
@@ -746,7 +751,11 @@ pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Compares the adjoint derivative of a variable with its directional derivatives.
-fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -> Result<()> {
+fn compare_adjoint(
+    run: &mut Run<'_>,
+    of: &XmlVariable<'_>,
+    knowns: &[&XmlVariable<'_>],
+) -> Result<()> {
     const SEED: f64 = 2.0;
     if knowns.is_empty() {
         return Ok(());
@@ -773,7 +782,8 @@ fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -
 pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
     let has_events =
         subject.interface_type == InterfaceType::ModelExchange || subject.setup().event_mode;
-    let is_known = |v: &&Listed<'_>| v.of_type != Type::String && (!has_events || is_continuous(v));
+    let is_known =
+        |v: &&XmlVariable<'_>| v.of_type != Type::String && (!has_events || is_continuous(v));
     let mut inputs: Vec<_> = subject.variables(Causality::Input).filter(is_known).collect();
     // The first that the FMU refuses to change ends the test.
     inputs.sort_by_key(|v| !v.of_type.is_float());
@@ -800,12 +810,12 @@ pub fn initial_dependencies(subject: &Subject<'_>) -> Result<()> {
 fn follow(
     run: &mut Run<'_>,
     unknowns: &Observed<'_>,
-    knowns: &[&Listed<'_>],
+    knowns: &[&XmlVariable<'_>],
     allowed: &Dependencies<'_>,
 ) -> Result<()> {
     let knowns = &knowns[..knowns.len().min(MAX_INPUTS)];
     // All at first, as hosts must not read between set and step.
-    let values = |known: &&Listed<'_>| run.setting(known);
+    let values = |known: &&XmlVariable<'_>| run.setting(known);
     let values: Vec<_> = knowns.iter().map(values).collect::<Result<_>>()?;
     for (known, values) in knowns.iter().zip(values) {
         let moved = values.iter().map(|value| {
@@ -902,7 +912,7 @@ pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Compares derivatives of outputs with their changes in a few steps.
-pub fn compare_slopes(run: &mut Run<'_>, outputs: &[&Listed<'_>]) -> Result<()> {
+pub fn compare_slopes(run: &mut Run<'_>, outputs: &[&XmlVariable<'_>]) -> Result<()> {
     let subject = run.subject;
     let (references, orders) = (references(outputs), vec![1; outputs.len()]);
     let (mut given, mut values) = (Vec::new(), Vec::new());
