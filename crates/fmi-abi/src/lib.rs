@@ -152,11 +152,11 @@ impl FmiVersion {
     serde(rename_all = "kebab-case")
 )]
 pub enum InterfaceType {
-    /// The host integrates the equations of the FMU.
-    ModelExchange,
     /// The FMU computes each step.
     #[default]
-    CoSimulation,
+    CoSimulation = 1,
+    /// The host integrates the equations of the FMU.
+    ModelExchange = 0,
 }
 
 impl InterfaceType {
