@@ -19,7 +19,7 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 use crate::fault::{Amount, Fault};
 use crate::fmu::Declared;
-use crate::ssp::{self, Source};
+use crate::ssp::{self, SystemOrigin};
 use crate::{Function, table};
 
 /// A system of coupled FMUs.
@@ -62,7 +62,7 @@ pub struct Description {
     pub is_single: bool,
     /// Where the system comes from if not from a TOML file.
     #[serde(skip)]
-    pub package: Option<Arc<Source>>,
+    pub package: Option<Arc<SystemOrigin>>,
     /// How WebAssembly components run.
     #[serde(skip)]
     pub sandbox: Sandbox,
@@ -130,7 +130,7 @@ pub struct Component {
     pub tolerance: Option<f64>,
     /// Start values of parameters, inputs, and variables with initial exact or approx.
     #[serde(default)]
-    pub start: BTreeMap<String, Written>,
+    pub start: BTreeMap<String, Literal>,
     /// The function that it is, if it is no FMU; then the file name only stands for it in messages.
     #[serde(skip)]
     pub function: Option<Function>,
@@ -145,14 +145,14 @@ pub struct Connection {
     /// The input, `component.variable`.
     pub to: String,
     /// How to convert the value to another unit.
-    pub scale: Option<Scale>,
+    pub conversion: Option<Conversion>,
     /// Its faults, in the order in which they act; they act before the conversion.
     pub faults: Vec<Fault>,
 }
 
 /// The input is `factor` times the output plus `offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scale {
+pub struct Conversion {
     /// The factor.
     pub factor: f64,
     /// The offset, in the unit of the input.
@@ -199,18 +199,18 @@ impl TryFrom<Notation> for Connection {
             factor.is_finite() && offset.is_finite(),
             "the factor and offset of {from} -> {to} are not finite, expected numbers"
         );
-        let scale = is_scaled.then_some(Scale { factor, offset });
+        let conversion = is_scaled.then_some(Conversion { factor, offset });
         let faults = faults.into_iter().map(Fault::new).collect::<Result<_>>();
         let faults = faults.with_context(|| format!("{from} -> {to}"));
         // The reader of TOML shows only the outermost error.
         let faults = faults.map_err(|error| anyhow!("{error:#}"))?;
-        Ok(Self { from, to, scale, faults })
+        Ok(Self { from, to, conversion, faults })
     }
 }
 
 /// A value as the user writes it.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Written {
+pub enum Literal {
     /// `true` or `false`.
     Boolean(bool),
     /// A whole number of any type.
@@ -223,52 +223,52 @@ pub enum Written {
     Array(Vec<Self>),
 }
 
-impl<'de> Deserialize<'de> for Written {
+impl<'de> Deserialize<'de> for Literal {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(WrittenVisitor)
+        deserializer.deserialize_any(LiteralVisitor)
     }
 }
 
-struct WrittenVisitor;
+struct LiteralVisitor;
 
-impl<'de> Visitor<'de> for WrittenVisitor {
-    type Value = Written;
+impl<'de> Visitor<'de> for LiteralVisitor {
+    type Value = Literal;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("a number, true, false, a quoted string or an array of these")
     }
 
-    fn visit_bool<E>(self, value: bool) -> Result<Written, E> {
-        Ok(Written::Boolean(value))
+    fn visit_bool<E>(self, value: bool) -> Result<Literal, E> {
+        Ok(Literal::Boolean(value))
     }
 
-    fn visit_i64<E>(self, value: i64) -> Result<Written, E> {
-        Ok(Written::Integer(value.into()))
+    fn visit_i64<E>(self, value: i64) -> Result<Literal, E> {
+        Ok(Literal::Integer(value.into()))
     }
 
-    fn visit_u64<E>(self, value: u64) -> Result<Written, E> {
-        Ok(Written::Integer(value.into()))
+    fn visit_u64<E>(self, value: u64) -> Result<Literal, E> {
+        Ok(Literal::Integer(value.into()))
     }
 
-    fn visit_i128<E>(self, value: i128) -> Result<Written, E> {
-        Ok(Written::Integer(value))
+    fn visit_i128<E>(self, value: i128) -> Result<Literal, E> {
+        Ok(Literal::Integer(value))
     }
 
-    fn visit_f64<E>(self, value: f64) -> Result<Written, E> {
-        Ok(Written::Real(value))
+    fn visit_f64<E>(self, value: f64) -> Result<Literal, E> {
+        Ok(Literal::Real(value))
     }
 
-    fn visit_str<E>(self, value: &str) -> Result<Written, E> {
-        Ok(Written::Text(value.to_owned()))
+    fn visit_str<E>(self, value: &str) -> Result<Literal, E> {
+        Ok(Literal::Text(value.to_owned()))
     }
 
-    fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<Written, A::Error> {
+    fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<Literal, A::Error> {
         let values = std::iter::from_fn(|| values.next_element().transpose());
-        values.collect::<Result<_, _>>().map(Written::Array)
+        values.collect::<Result<_, _>>().map(Literal::Array)
     }
 }
 
-impl fmt::Display for Written {
+impl fmt::Display for Literal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Boolean(value) => value.fmt(f),
@@ -289,7 +289,7 @@ impl fmt::Display for Written {
 /// The number of values of an array that a message shows.
 const SHOWN: usize = 8;
 
-impl Written {
+impl Literal {
     /// Whether it is an array, maybe as text.
     pub(crate) fn is_array(&self) -> bool {
         match self {
@@ -380,7 +380,7 @@ impl Written {
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
 #[serde(default)]
-pub struct Changes {
+pub struct Overrides {
     /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
     /// has no COMPONENT
     #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
@@ -506,7 +506,7 @@ impl Description {
     }
 
     /// Applies changes, but for the start values.
-    pub fn change(&mut self, changes: &Changes) {
+    pub fn change(&mut self, changes: &Overrides) {
         self.sandbox = changes.sandbox;
         let of = |changed: Option<f64>, own: f64| changed.unwrap_or(own);
         self.start = of(changes.start, self.start);
@@ -534,7 +534,7 @@ impl Description {
     }
 
     /// Replaces the start value of `component.variable`, if there is such a component.
-    pub fn set_start(&mut self, name: &str, value: Written) {
+    pub fn set_start(&mut self, name: &str, value: Literal) {
         if self.is_single {
             self.components[0].start.insert(name.to_owned(), value);
             return;
@@ -658,7 +658,7 @@ fn in_value(value: &DeValue<'_>, start: usize, word: &str) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Written, assignment};
+    use super::{Literal, assignment};
 
     #[test]
     fn a_value_follows_the_first_equals_sign_outside_a_quoted_name() {
@@ -672,19 +672,19 @@ mod tests {
 
     #[test]
     fn an_array_is_written_as_a_list_or_its_text_and_must_have_the_shape() {
-        let integer = |n: i128| Written::Integer(n);
-        let text = |text: &str| Written::Text(text.to_owned());
-        let list = Written::Array(vec![
-            Written::Array(vec![integer(1), integer(2), integer(u64::MAX.into())]),
-            Written::Array(vec![Written::Real(4.5), Written::Boolean(true), text("a")]),
+        let integer = |n: i128| Literal::Integer(n);
+        let text = |text: &str| Literal::Text(text.to_owned());
+        let list = Literal::Array(vec![
+            Literal::Array(vec![integer(1), integer(2), integer(u64::MAX.into())]),
+            Literal::Array(vec![Literal::Real(4.5), Literal::Boolean(true), text("a")]),
         ]);
         let all = Vec::from_iter([1, 2, u64::MAX.into()].map(integer));
-        let all = [all, vec![Written::Real(4.5), Written::Boolean(true), text("a")]].concat();
+        let all = [all, vec![Literal::Real(4.5), Literal::Boolean(true), text("a")]].concat();
         let written = text("[[1, 2, 18446744073709551615], [4.5, true, 'a']]");
         for array in [&list, &written] {
             assert_eq!(array.elements(&[2, 3], "m").unwrap(), all);
         }
-        let refused = |value: &Written| value.elements(&[3, 2], "m").unwrap_err().to_string();
+        let refused = |value: &Literal| value.elements(&[3, 2], "m").unwrap_err().to_string();
         assert!(refused(&list).ends_with(", \"a\"]]: values: 2 x 3, expected 3 x 2"));
         assert!(refused(&written).ends_with(", \"a\"]]: values: 2 x 3, expected 3 x 2"));
         for (value, reason) in [

@@ -7,7 +7,7 @@ use anyhow::Error;
 use fmu_worker::{Record, Worker};
 use serde::{Deserialize, Serialize};
 
-use crate::exchange::OPERATIONS;
+use crate::integrator::OPERATIONS;
 use crate::messages::Message;
 
 /// Why a run has failed or, if `ended` is given, why an FMU has ended it.

@@ -118,16 +118,16 @@ impl std::fmt::Display for Amount {
 
 /// A connection with faults, in one run.
 #[derive(Debug, Clone)]
-pub(crate) struct Line {
+pub(crate) struct FaultyConnection {
     /// The output, and where the input finds what arrives, among the numbers of the store.
     pub(crate) from: Place,
     pub(crate) to: usize,
-    pub(crate) stages: Vec<Stage>,
+    pub(crate) faults: Vec<FaultState>,
 }
 
 /// A fault in one run.
 #[derive(Debug, Clone)]
-pub(crate) struct Stage {
+pub(crate) struct FaultState {
     fault: Fault,
     seed: u64,
     /// Its rank among all faults of the system, so that each has random numbers of its own.
@@ -139,7 +139,7 @@ pub(crate) struct Stage {
 /// The first rank of faults among random numbers; parameters of sweeps have those below.
 const FIRST_RANK: u64 = 1 << 32;
 
-impl Stage {
+impl FaultState {
     pub(crate) fn new(fault: &Fault, seed: u64, rank: usize, experiment: &Experiment) -> Self {
         let Experiment { start, step, .. } = *experiment;
         let length = match fault.kind {
@@ -187,12 +187,12 @@ impl Stage {
     }
 }
 
-impl Line {
+impl FaultyConnection {
     /// Passes the value of step `k` from the output to the input.
     pub(crate) fn carry(&mut self, k: u64, time: f64, step: f64, values: &mut Store) {
         let value = values.number(self.from);
-        let pass = |value, stage: &mut Stage| stage.pass(value, k, time, 1e-6 * step);
-        values.reals[self.to] = self.stages.iter_mut().fold(value, pass);
+        let pass = |value, stage: &mut FaultState| stage.pass(value, k, time, 1e-6 * step);
+        values.reals[self.to] = self.faults.iter_mut().fold(value, pass);
     }
 }
 

@@ -58,12 +58,12 @@ pub struct Fmu {
 
 /// What an instance runs.
 enum Code {
-    Binary(Binary),
+    Binary(UnpackedBinary),
     Function(Function),
 }
 
 /// An unpacked binary.
-struct Binary {
+struct UnpackedBinary {
     /// The file, relative to the folder.
     file: String,
     /// Loaded by the first instance, and the location of its resources. Must be dropped before the folder, which
@@ -163,7 +163,7 @@ impl Fmu {
             step: model.experiment("stepSize").filter(|step| *step > 0.0),
             interface_type,
             equations: [model.derivatives.len(), indicators],
-            code: Code::Binary(Binary {
+            code: Code::Binary(UnpackedBinary {
                 file: binary,
                 library: OnceLock::new(),
                 folder: Owned::new(folder),
@@ -214,7 +214,7 @@ impl Fmu {
 
     /// Whether it must not be called again in this process, because of a fatal error.
     pub(crate) fn is_lost(&self) -> bool {
-        let Code::Binary(Binary { library, .. }) = &self.code else { return false };
+        let Code::Binary(UnpackedBinary { library, .. }) = &self.code else { return false };
         matches!(library.get(), Some(Ok((library, _))) if library.is_lost())
     }
 
@@ -350,7 +350,7 @@ impl Fmu {
     }
 
     fn try_instantiate(&self, index: usize, name: &str, messages: &Messages) -> Result<Instance> {
-        let Binary { file, library, folder, token, limits, problems } = match &self.code {
+        let UnpackedBinary { file, library, folder, token, limits, problems } = match &self.code {
             Code::Binary(binary) => binary,
             Code::Function(function) => {
                 return Ok(function.instantiate(name, &self.variables, messages));

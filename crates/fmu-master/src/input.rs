@@ -6,39 +6,39 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability};
 
-use crate::component::initial;
-use crate::plan::{Link, Owners, Planned, Port};
+use crate::component_instance::initial;
+use crate::plan::{LoadedComponent, Names, ResolvedConnection, ScalarId};
 use crate::table::{self, Column, Series};
-use crate::wiring::{Ports, Store, Wired, number};
+use crate::wiring::{AccessList, Store, VariableGroup, number};
 use crate::{Fmu, Place, plan};
 
 /// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are
 /// interpolated linearly, and others keep their value; before the first and after the last row, all keep it.
 /// At a jump, which is two rows with the same time, the later row counts.
-pub(crate) struct Input {
+pub(crate) struct InputTable {
     /// Finite and not decreasing (s).
     times: Vec<f64>,
-    columns: Vec<Fed>,
+    columns: Vec<InputColumn>,
 }
 
 /// An input and its values.
-struct Fed {
-    port: Port,
+struct InputColumn {
+    port: ScalarId,
     /// The type of its values if they are interpolated.
     interpolated: Option<Type>,
     values: Vec<Value>,
 }
 
-impl Input {
+impl InputTable {
     /// Reads a table: a column `time` in s, and a column for each input, with or without a unit in brackets.
     ///
     /// # Errors
     /// The file cannot be read, a column is not an input that is free, or a row is invalid.
     pub(crate) fn read(
         file: &Path,
-        components: &[Planned],
-        owners: &Owners,
-        links: &[Link],
+        components: &[LoadedComponent],
+        owners: &Names,
+        links: &[ResolvedConnection],
     ) -> Result<Self> {
         let table = table::read_texts(file);
         let table = table.with_context(|| format!("cannot read {}", file.display()))?;
@@ -47,12 +47,12 @@ impl Input {
 
     fn new(
         table: &[Series],
-        components: &[Planned],
-        owners: &Owners,
-        links: &[Link],
+        components: &[LoadedComponent],
+        owners: &Names,
+        links: &[ResolvedConnection],
     ) -> Result<Self> {
         let times = table::times(table)?;
-        let mut taken: HashSet<Port> = links.iter().map(|link| link.to).collect();
+        let mut taken: HashSet<ScalarId> = links.iter().map(|link| link.to).collect();
         let columns = table[1..].iter().map(|series| {
             let name = &series.name;
             let port = owners.port(components, name)?;
@@ -69,7 +69,7 @@ impl Input {
             ensure!(is_same, "{name} is in {found}, expected {unit}");
             let is_continuous = variable.variability == Variability::Continuous;
             let kind = variable.of_type;
-            Ok(Fed {
+            Ok(InputColumn {
                 port,
                 interpolated: (is_continuous && kind.is_float()).then_some(kind),
                 values: values(series, kind)?,
@@ -79,7 +79,7 @@ impl Input {
     }
 
     /// The inputs, in the order of the columns.
-    pub(crate) fn ports(&self) -> impl Iterator<Item = Port> {
+    pub(crate) fn ports(&self) -> impl Iterator<Item = ScalarId> {
         self.columns.iter().map(|column| column.port)
     }
 
@@ -92,7 +92,12 @@ impl Input {
     }
 
     /// The value of an input at a time (s) by [`Input::rows`].
-    fn value(&self, column: &Fed, time: f64, (held, next): (usize, Option<usize>)) -> Value {
+    fn value(
+        &self,
+        column: &InputColumn,
+        time: f64,
+        (held, next): (usize, Option<usize>),
+    ) -> Value {
         if let (Some(kind), Some(next)) = (column.interpolated, next) {
             let [t0, t1] = [next - 1, next].map(|row| self.times[row]);
             let [v0, v1] = [next - 1, next].map(|row| number(&column.values[row]));
@@ -144,33 +149,33 @@ fn values(series: &Series, kind: Type) -> Result<Vec<Value>> {
 
 /// An input, or elements of one that is an array, with the values of all elements.
 #[derive(Clone)]
-struct Signal<'a> {
+struct TableInput<'a> {
     kind: Type,
     reference: u32,
     values: Vec<Value>,
     /// The columns of the table, and the elements that they give.
-    columns: Vec<(&'a Fed, usize)>,
+    columns: Vec<(&'a InputColumn, usize)>,
 }
 
 /// The inputs of a component of model exchange that have values from a table, during a step.
 #[derive(Clone)]
-pub(crate) struct Signals<'a> {
-    input: &'a Input,
-    all: Vec<Signal<'a>>,
+pub(crate) struct TableInputs<'a> {
+    input: &'a InputTable,
+    all: Vec<TableInput<'a>>,
     /// The row that holds since the last event, and the one of the next event: a jump, or a new value of an
     /// input that is not interpolated.
     held: usize,
     next: usize,
 }
 
-impl<'a> Signals<'a> {
+impl<'a> TableInputs<'a> {
     /// Those of a component, by its index, if there are any; elements without a column have these start values.
     /// An array that is partly fed by another component is left out.
     pub(crate) fn new(
-        input: &'a Input,
+        input: &'a InputTable,
         component: usize,
         fmu: &Fmu,
-        ports: &[Ports],
+        ports: &[VariableGroup],
         starts: &BTreeMap<usize, &Value>,
     ) -> Option<Self> {
         let fed = ports.iter().flat_map(|ports| ports.inputs.scalars.iter().zip(&ports.sources));
@@ -185,9 +190,9 @@ impl<'a> Signals<'a> {
             }
         }
         let all = columns.into_iter().map(|(first, columns)| {
-            let mut variable = Wired::default();
+            let mut variable = AccessList::default();
             variable.push(fmu, first);
-            Signal {
+            TableInput {
                 kind: fmu.access(first),
                 reference: fmu.variable(first).reference,
                 values: initial(&variable, fmu, starts),
@@ -198,7 +203,7 @@ impl<'a> Signals<'a> {
         (!all.is_empty()).then_some(Self { input, all, held: 0, next: 0 })
     }
 
-    fn columns(&self) -> impl Iterator<Item = &'a Fed> {
+    fn columns(&self) -> impl Iterator<Item = &'a InputColumn> {
         self.all.iter().flat_map(|signal| signal.columns.iter().map(|(fed, _)| *fed))
     }
 
@@ -233,7 +238,7 @@ impl<'a> Signals<'a> {
             true => self.input.rows(time),
             false => (next.saturating_sub(1), (1..times.len()).contains(&next).then_some(next)),
         };
-        let is_set = move |signal: &&Signal<'_>| {
+        let is_set = move |signal: &&TableInput<'_>| {
             after || signal.columns.iter().any(|(fed, _)| fed.interpolated.is_some())
         };
         self.all.iter().filter(is_set).map(move |signal| {
@@ -252,7 +257,7 @@ mod tests {
 
     #[test]
     fn rows_hold_jump_and_end() {
-        let input = |times: &[f64]| Input { times: times.to_vec(), columns: Vec::new() };
+        let input = |times: &[f64]| InputTable { times: times.to_vec(), columns: Vec::new() };
         let jump = input(&[0.0, 0.1 + 0.2, 0.1 + 0.2, 0.5]);
         assert_eq!(jump.rows(-1.0), (0, None));
         assert_eq!(jump.rows(0.1), (0, Some(1)));

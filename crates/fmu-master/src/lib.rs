@@ -36,14 +36,14 @@
 //! communication point from which the component has stepped.
 #![forbid(unsafe_code)]
 
-mod component;
+mod component_instance;
 mod description;
 mod error;
-mod exchange;
 mod fault;
 mod fmu;
 mod function;
 mod input;
+mod integrator;
 mod messages;
 mod plan;
 mod random;
@@ -57,7 +57,7 @@ pub mod table;
 mod wiring;
 
 pub use description::{
-    Changes, Component, Connection, Description, Experiment, Order, Sandbox, Scale, Written,
+    Component, Connection, Conversion, Description, Experiment, Literal, Order, Overrides, Sandbox,
     is_fmu, locate,
 };
 pub use error::{FailedCall, RunError};
@@ -66,7 +66,7 @@ pub use fmu::Fmu;
 pub use fmu_host::InterfaceType;
 pub use function::{Argument, Compute, Function, Signature};
 pub use messages::{Message, Messages};
-pub use plan::{Plan, Planned, Start};
+pub use plan::{LoadedComponent, Plan, StartValue};
 pub use simulation::{Row, Simulation};
 pub use summary::{Statistics, Summary};
 pub use table::Column;

@@ -10,25 +10,25 @@ use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
 use fmu_host::InterfaceType;
 
 use crate::fmu::{Sizes, similar};
-use crate::input::Input;
+use crate::input::InputTable;
 use crate::table::Column;
 use crate::wiring::{Wiring, number, places};
 use crate::{
-    Component, Connection, Description, Experiment, Fault, Fmu, Order, Place, Scale, Written,
+    Component, Connection, Conversion, Description, Experiment, Fault, Fmu, Literal, Order, Place,
 };
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
     /// The components, in their order.
-    pub components: Vec<Planned>,
+    pub components: Vec<LoadedComponent>,
     /// The recorded variables, in the order of a row.
     pub columns: Vec<Column>,
     /// The times of a run.
     pub experiment: Experiment,
-    owners: Owners,
+    owners: Names,
     pub(crate) order: Order,
-    pub(crate) links: Vec<Link>,
-    pub(crate) input: Option<Input>,
+    pub(crate) links: Vec<ResolvedConnection>,
+    pub(crate) input: Option<InputTable>,
     pub(crate) wiring: Wiring,
     /// The smallest and the largest value of each column that the model description allows.
     pub bounds: Vec<[Option<f64>; 2]>,
@@ -38,7 +38,7 @@ pub struct Plan {
 
 /// A start value that fits its variable: of a scalar, or of all elements of an array.
 #[derive(Debug, Clone)]
-pub struct Start {
+pub struct StartValue {
     component: usize,
     values: Vec<(usize, Value)>,
 }
@@ -63,7 +63,7 @@ impl Plan {
         // Dots separate the names of nested systems of a package.
         let is_invalid = |c: char| c.is_control() || (c == '.' && description.package.is_none());
         let mut fmus = Fmus::new();
-        let mut components: Vec<Planned> = Vec::new();
+        let mut components: Vec<LoadedComponent> = Vec::new();
         for component in &description.components {
             let name = &component.name;
             ensure!(
@@ -75,7 +75,7 @@ impl Plan {
                 "two components have the name {name}"
             );
             tolerance(&format!("tolerance of {name}"), component.tolerance)?;
-            let new = Planned::new(component, description, &mut fmus)?;
+            let new = LoadedComponent::new(component, description, &mut fmus)?;
             if let Some(other) = components.iter().find(|c| c.fmu.path == new.fmu.path) {
                 ensure!(
                     !new.fmu.only_once,
@@ -89,14 +89,14 @@ impl Plan {
         if description.is_single {
             components[0].prefix.clear();
         }
-        let owners = Owners::new(&components);
+        let owners = Names::new(&components);
         let link = |connection: &Connection| {
-            let Connection { from, to, scale, faults } = connection;
+            let Connection { from, to, conversion, faults } = connection;
             let mut all = faults.iter();
             let checked = all.try_for_each(|fault| fault.check(description.step));
             checked.with_context(|| format!("{from} -> {to}"))?;
             let [from, to] = [owners.port(&components, from)?, owners.port(&components, to)?];
-            Ok(Link { from, to, scale: *scale, faults: faults.clone() })
+            Ok(ResolvedConnection { from, to, conversion: *conversion, faults: faults.clone() })
         };
         let links = description.connections.iter().map(link);
         let links = links.collect::<Result<Vec<_>>>()?;
@@ -111,15 +111,15 @@ impl Plan {
             no_algebraic_loops(&components, &links)?;
         }
         let input = description.input.as_deref();
-        let input = input.map(|file| Input::read(file, &components, &owners, &links));
+        let input = input.map(|file| InputTable::read(file, &components, &owners, &links));
         let input = input.transpose()?;
         let (recorded, names): (Vec<_>, Vec<_>) =
             recorded(&components, &owners, &description.outputs)?.into_iter().unzip();
-        let bounds = |port: &Port| {
+        let bounds = |port: &ScalarId| {
             let Variable { min, max, .. } = port.of(&components);
             [min, max].map(|bound| bound.as_ref().map(number))
         };
-        let column = |(port, name): (&Port, String)| {
+        let column = |(port, name): (&ScalarId, String)| {
             let Variable { of_type, unit, .. } = port.of(&components);
             Column::new(name, unit.as_deref().unwrap_or_default(), *of_type)
         };
@@ -149,11 +149,11 @@ impl Plan {
         mut self,
         mut description: Description,
         sets: &[(String, String)],
-    ) -> Result<(Self, Vec<Start>)> {
+    ) -> Result<(Self, Vec<StartValue>)> {
         let sizes = self.sizes(sets);
         if !sizes.is_empty() {
             for (name, value) in sizes {
-                description.set_start(name, Written::Text(value.clone()));
+                description.set_start(name, Literal::Text(value.clone()));
             }
             self = Self::new(&description)?;
         }
@@ -167,7 +167,7 @@ impl Plan {
         if !sets.iter().any(|(name, _)| self.is_structural(name)) {
             return Vec::new();
         }
-        let is_array = |value: &String| Written::Text(value.clone()).is_array();
+        let is_array = |value: &String| Literal::Text(value.clone()).is_array();
         sets.iter().filter(|(name, value)| self.is_structural(name) || is_array(value)).collect()
     }
 
@@ -175,9 +175,9 @@ impl Plan {
     ///
     /// # Errors
     /// As [`Plan::set`].
-    pub fn texts(&self, sets: &[(String, String)]) -> Result<Vec<Start>> {
+    pub fn texts(&self, sets: &[(String, String)]) -> Result<Vec<StartValue>> {
         let others = sets.iter().filter(|(name, _)| !self.is_structural(name));
-        others.map(|(name, value)| self.start(name, &Written::Text(value.clone()))).collect()
+        others.map(|(name, value)| self.start(name, &Literal::Text(value.clone()))).collect()
     }
 
     /// The names of the components and of their files, for [`RunError::crash`](crate::RunError::crash).
@@ -201,27 +201,27 @@ impl Plan {
     ///
     /// # Errors
     /// There is no such variable, the value has the wrong type, or another value replaces it.
-    pub fn start(&self, name: &str, value: &Written) -> Result<Start> {
+    pub fn start(&self, name: &str, value: &Literal) -> Result<StartValue> {
         let name = &*self.name_to_set(name);
         let (component, own) =
             resolve(&self.components, &self.owners, name, |_, own| Ok(own.to_owned()))?;
         let fmu = &self.components[component].fmu;
         let assigned = assigned(fmu, &own, name, value)?.into_iter();
         let values = assigned.map(|Assigned { scalar, name, value }| {
-            self.check_free(Port { component, scalar }, &name, &value)?;
+            self.check_free(ScalarId { component, scalar }, &name, &value)?;
             Ok((scalar, start(fmu, scalar, &name, &value)?))
         });
-        Ok(Start { component, values: values.collect::<Result<_>>()? })
+        Ok(StartValue { component, values: values.collect::<Result<_>>()? })
     }
 
     /// Checks that a start value has an effect in a single run.
-    fn check_free(&self, port: Port, name: &str, value: &Written) -> Result<()> {
+    fn check_free(&self, port: ScalarId, name: &str, value: &Literal) -> Result<()> {
         let link = self.links.iter().find(|link| link.to == port);
-        if let Some(Link { from, .. }) = link {
+        if let Some(ResolvedConnection { from, .. }) = link {
             let from = from.name(&self.components);
             bail!("{name} = {value} has no effect, as {from} is connected to it");
         }
-        let has_column = self.input.iter().flat_map(Input::ports).any(|fed| fed == port);
+        let has_column = self.input.iter().flat_map(InputTable::ports).any(|fed| fed == port);
         ensure!(
             !has_column,
             "{name} = {value} has no effect, as the table of inputs has a column for it"
@@ -257,7 +257,7 @@ impl Plan {
     pub(crate) fn starts<'a>(
         &'a self,
         component: usize,
-        others: &'a [Start],
+        others: &'a [StartValue],
     ) -> BTreeMap<usize, &'a Value> {
         let own = self.components[component].starts.iter();
         let others = others.iter().filter(|start| start.component == component);
@@ -280,7 +280,7 @@ impl Plan {
 }
 
 /// A component whose FMU is loaded.
-pub struct Planned {
+pub struct LoadedComponent {
     /// Its name in the system.
     pub name: String,
     /// What the names of its variables begin with in the system: its name and a dot, or nothing.
@@ -297,32 +297,32 @@ pub struct Planned {
 
 /// A scalar of a component, by their indices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) struct Port {
+pub(crate) struct ScalarId {
     pub(crate) component: usize,
     pub(crate) scalar: usize,
 }
 
 /// A resolved connection.
 #[derive(Debug, Clone)]
-pub(crate) struct Link {
-    pub(crate) from: Port,
-    pub(crate) to: Port,
-    pub(crate) scale: Option<Scale>,
+pub(crate) struct ResolvedConnection {
+    pub(crate) from: ScalarId,
+    pub(crate) to: ScalarId,
+    pub(crate) conversion: Option<Conversion>,
     pub(crate) faults: Vec<Fault>,
 }
 
-impl Port {
-    pub(crate) fn of(self, components: &[Planned]) -> &Variable {
+impl ScalarId {
+    pub(crate) fn of(self, components: &[LoadedComponent]) -> &Variable {
         components[self.component].fmu.variable(self.scalar)
     }
 
     /// The type whose functions get and set it.
-    pub(crate) fn access(self, components: &[Planned]) -> Type {
+    pub(crate) fn access(self, components: &[LoadedComponent]) -> Type {
         components[self.component].fmu.access(self.scalar)
     }
 
     /// Its name in the system.
-    pub(crate) fn name(self, components: &[Planned]) -> String {
+    pub(crate) fn name(self, components: &[LoadedComponent]) -> String {
         components[self.component].name_of(self.scalar)
     }
 }
@@ -330,7 +330,7 @@ impl Port {
 /// The opened FMUs by their files, interfaces and sizes.
 type Fmus = HashMap<(PathBuf, Option<InterfaceType>, Sizes), Arc<Fmu>>;
 
-impl Planned {
+impl LoadedComponent {
     fn new(component: &Component, system: &Description, fmus: &mut Fmus) -> Result<Self> {
         let mut open = |sizes| {
             open(component, system, sizes, fmus)
@@ -438,7 +438,7 @@ fn is_sampled(fmu: &Fmu) -> bool {
 pub(crate) struct Assigned<'a> {
     pub(crate) scalar: usize,
     pub(crate) name: Cow<'a, str>,
-    pub(crate) value: Cow<'a, Written>,
+    pub(crate) value: Cow<'a, Literal>,
 }
 
 /// What a scalar gets, or each element of an array, by a value that messages show as one for `full`.
@@ -449,7 +449,7 @@ pub(crate) fn assigned<'a>(
     fmu: &Fmu,
     name: &str,
     full: &'a str,
-    value: &'a Written,
+    value: &'a Literal,
 ) -> Result<Vec<Assigned<'a>>> {
     let found = |error: Error| if name == full { error } else { error.context(full.to_owned()) };
     if fmu.scalar(name).is_some() || !value.is_array() {
@@ -465,7 +465,7 @@ pub(crate) fn assigned<'a>(
     Ok(scalars.zip(values).map(element).collect())
 }
 
-fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value> {
+fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Literal) -> Result<Value> {
     if let Some(reason) = fmu.unusable(scalar) {
         bail!("{name} = {value} cannot be set: {reason}");
     }
@@ -481,10 +481,10 @@ fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value>
 }
 
 /// The indices of the components by what the names of their variables begin with.
-pub(crate) struct Owners(HashMap<String, usize>);
+pub(crate) struct Names(HashMap<String, usize>);
 
-impl Owners {
-    fn new(components: &[Planned]) -> Self {
+impl Names {
+    fn new(components: &[LoadedComponent]) -> Self {
         let prefixes = components.iter().map(|component| component.prefix.clone());
         Self(prefixes.zip(0..).collect())
     }
@@ -496,21 +496,21 @@ impl Owners {
     }
 
     /// Finds `component.variable`, or the variable of a single FMU.
-    pub(crate) fn port(&self, components: &[Planned], name: &str) -> Result<Port> {
+    pub(crate) fn port(&self, components: &[LoadedComponent], name: &str) -> Result<ScalarId> {
         let (component, scalar) = resolve(components, self, name, Fmu::find)?;
-        Ok(Port { component, scalar })
+        Ok(ScalarId { component, scalar })
     }
 }
 
 /// Finds the component of a name, and in its FMU what the name stands for.
 fn resolve<T>(
-    components: &[Planned],
-    owners: &Owners,
+    components: &[LoadedComponent],
+    owners: &Names,
     name: &str,
     find: impl Fn(&Fmu, &str) -> Result<T>,
 ) -> Result<(usize, T)> {
     if let Some(index) = owners.find(name) {
-        let Planned { prefix, fmu, .. } = &components[index];
+        let LoadedComponent { prefix, fmu, .. } = &components[index];
         let found = find(fmu, &name[prefix.len()..]);
         let found = if prefix.is_empty() { found } else { found.with_context(|| name.to_owned()) };
         return Ok((index, found?));
@@ -545,13 +545,13 @@ fn tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
 
 /// The recorded variables, and the names of their columns: a variable may be recorded by its name and aliases.
 fn recorded(
-    components: &[Planned],
-    owners: &Owners,
+    components: &[LoadedComponent],
+    owners: &Names,
     names: &[String],
-) -> Result<Vec<(Port, String)>> {
+) -> Result<Vec<(ScalarId, String)>> {
     if names.is_empty() {
         // Strings and Binaries only on request.
-        let is_recorded = |port: &Port| {
+        let is_recorded = |port: &ScalarId| {
             let variable = port.of(components);
             variable.causality == Causality::Output
                 && !matches!(variable.of_type, Type::String | Type::Binary)
@@ -563,9 +563,9 @@ fn recorded(
     let (mut ports, mut found) = (Vec::new(), HashSet::new());
     for name in names {
         let (component, scalars) = resolve(components, owners, name, Fmu::find_all)?;
-        let Planned { prefix, fmu, .. } = &components[component];
+        let LoadedComponent { prefix, fmu, .. } = &components[component];
         for scalar in scalars {
-            let port = Port { component, scalar };
+            let port = ScalarId { component, scalar };
             if let Some(reason) = unrecordable(components, &port) {
                 bail!("{name} cannot be recorded: {reason}");
             }
@@ -581,10 +581,10 @@ fn recorded(
 const NAMED: usize = 8;
 
 /// Says which components were taken for sampled ones, and what could be recorded if nothing is.
-fn notes(components: &[Planned], recorded: &[Port]) -> Vec<String> {
+fn notes(components: &[LoadedComponent], recorded: &[ScalarId]) -> Vec<String> {
     let mut notes = Vec::new();
     let is_noted = |index: usize| {
-        let Planned { sampled, is_guess, .. } = &components[index];
+        let LoadedComponent { sampled, is_guess, .. } = &components[index];
         *sampled && *is_guess && recorded.iter().any(|port| port.component == index)
     };
     let guessed = (0..components.len()).filter(|index| is_noted(*index));
@@ -626,23 +626,23 @@ fn notes(components: &[Planned], recorded: &[Port]) -> Vec<String> {
 }
 
 /// The variables of all components.
-fn all(components: &[Planned]) -> impl Iterator<Item = Port> {
+fn all(components: &[LoadedComponent]) -> impl Iterator<Item = ScalarId> {
     let all = components.iter().enumerate();
     all.flat_map(|(component, planned)| {
-        (0..planned.fmu.scalars.len()).map(move |scalar| Port { component, scalar })
+        (0..planned.fmu.scalars.len()).map(move |scalar| ScalarId { component, scalar })
     })
 }
 
-fn unrecordable(components: &[Planned], port: &Port) -> Option<&'static str> {
+fn unrecordable(components: &[LoadedComponent], port: &ScalarId) -> Option<&'static str> {
     components[port.component].fmu.unrecordable(port.scalar)
 }
 
 /// Checks that every connection leads from an output to a matching input, and that no input is
 /// connected twice.
-fn links_fit(components: &[Planned], links: &[Link]) -> Result<()> {
+fn links_fit(components: &[LoadedComponent], links: &[ResolvedConnection]) -> Result<()> {
     let mut fed = HashSet::new();
     for link in links {
-        let fmu = |port: Port| &components[port.component].fmu;
+        let fmu = |port: ScalarId| &components[port.component].fmu;
         for (port, expected) in [(link.from, Causality::Output), (link.to, Causality::Input)] {
             let name = port.name(components);
             if let Some(reason) = fmu(port).unusable(port.scalar) {
@@ -669,14 +669,14 @@ fn links_fit(components: &[Planned], links: &[Link]) -> Result<()> {
             "{a} is a String; connections carry numbers and Booleans"
         );
         ensure!(
-            link.scale.is_none() || from.of_type.is_float(),
+            link.conversion.is_none() || from.of_type.is_float(),
             "{a} cannot feed {b} with a factor: both must be real numbers"
         );
         ensure!(
             link.faults.is_empty() || from.of_type.is_float(),
             "{a} cannot feed {b} with faults: both must be real numbers"
         );
-        if let (Some(one), Some(other), None) = (&from.unit, &to.unit, link.scale) {
+        if let (Some(one), Some(other), None) = (&from.unit, &to.unit, link.conversion) {
             ensure!(
                 fmu(link.from).same_unit(one, fmu(link.to), other),
                 "{a} [{one}] cannot feed {b} [{other}]: the units differ; give the connection a factor to convert them"
@@ -711,18 +711,20 @@ pub(crate) fn text(causality: Causality) -> &'static str {
 /// Rejects loops of outputs that each depend directly on the next, which no order of stepping can
 /// solve. An output without declared dependencies counts as depending on no input, since most such
 /// outputs change only during a step.
-fn no_algebraic_loops(components: &[Planned], links: &[Link]) -> Result<()> {
+fn no_algebraic_loops(components: &[LoadedComponent], links: &[ResolvedConnection]) -> Result<()> {
     // All elements of an array depend on the same inputs.
-    let variable =
-        |port: Port| Port { scalar: components[port.component].fmu.first(port.scalar), ..port };
-    let mut feeding: HashMap<Port, Vec<Port>> = HashMap::new();
+    let variable = |port: ScalarId| ScalarId {
+        scalar: components[port.component].fmu.first(port.scalar),
+        ..port
+    };
+    let mut feeding: HashMap<ScalarId, Vec<ScalarId>> = HashMap::new();
     for link in links {
         feeding.entry(variable(link.to)).or_default().push(link.from);
     }
-    let sources = |output: Port| {
+    let sources = |output: ScalarId| {
         let known = &components[output.component].fmu.feedthrough;
         let inputs = known.get(&variable(output).scalar).into_iter().flatten();
-        let inputs = inputs.map(|&scalar| Port { scalar, ..output });
+        let inputs = inputs.map(|&scalar| ScalarId { scalar, ..output });
         let sources = inputs.filter_map(|input| feeding.get(&input)).flatten().copied();
         Vec::from_iter(sources).into_iter()
     };

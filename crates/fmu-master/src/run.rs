@@ -17,7 +17,7 @@ use crate::error::warn_of_calls;
 use crate::simulation::Finished;
 use crate::summary::{Summarizer, Summary};
 use crate::table::{self, Cell, Column, Format};
-use crate::{Experiment, Message, Messages, Plan, Row, RunError, Start};
+use crate::{Experiment, Message, Messages, Plan, Row, RunError, StartValue};
 
 /// What a worker reports about a run.
 #[derive(Serialize, Deserialize)]
@@ -55,7 +55,7 @@ pub struct Ready {
 pub fn work<P: Borrow<Plan>>(
     service: &mut Service,
     records: bool,
-    plan: impl FnOnce() -> Result<(P, Vec<Start>)>,
+    plan: impl FnOnce() -> Result<(P, Vec<StartValue>)>,
 ) -> Result<()> {
     let messages = Messages::recorded(service.record().clone());
     let (plan, starts) = match plan() {

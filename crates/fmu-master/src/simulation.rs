@@ -7,23 +7,23 @@ use fmu_description::{Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
-use crate::component::{Called, Component, receive};
-use crate::fault::Line;
-use crate::input::Signals;
-use crate::plan::Planned;
+use crate::component_instance::{Called, ComponentInstance, receive};
+use crate::fault::FaultyConnection;
+use crate::input::TableInputs;
+use crate::plan::LoadedComponent;
 use crate::table::Column;
 use crate::wiring::{Store, number, places};
-use crate::{Message, Messages, Order, Place, Plan, RunError, Start};
+use crate::{Message, Messages, Order, Place, Plan, RunError, StartValue};
 
 /// An initialized run of a system.
 pub struct Simulation<'a> {
     plan: &'a Plan,
-    components: Vec<Component<'a>>,
+    components: Vec<ComponentInstance<'a>>,
     /// The outputs of all components that were read last.
     outputs: Store,
     row: Row,
     /// The connections with faults that lead to each component.
-    lines: Vec<Vec<Line>>,
+    faulty_connections: Vec<Vec<FaultyConnection>>,
     messages: Messages,
     /// Why it has ended in the first event, if an FMU has ended it there.
     ended: Option<Box<RunError>>,
@@ -101,7 +101,7 @@ impl Plan {
     ///
     /// # Errors
     /// An FMU returns an error; its message is included.
-    pub fn simulate(&self, starts: &[Start], messages: &Messages) -> Result<Simulation<'_>> {
+    pub fn simulate(&self, starts: &[StartValue], messages: &Messages) -> Result<Simulation<'_>> {
         messages.record().at(f64::NAN);
         messages.record().step(self.experiment.step);
         let starts = (0..self.components.len()).map(|index| self.starts(index, starts));
@@ -110,14 +110,14 @@ impl Plan {
         let components =
             ports.zip(&starts).enumerate().map(|(index, ((planned, ports), starts))| {
                 planned.check_arrays(starts)?;
-                Component::new(index, planned, ports, starts, messages)
+                ComponentInstance::new(index, planned, ports, starts, messages)
             });
         let mut simulation = Simulation {
             plan: self,
             components: components.collect::<Result<_>>()?,
             outputs: Store::new(self.wiring.counts),
             row: Row::new(&self.columns),
-            lines: self.wiring.lines.clone(),
+            faulty_connections: self.wiring.faulty_connections.clone(),
             messages: messages.clone(),
             ended: None,
         };
@@ -140,17 +140,19 @@ impl Simulation<'_> {
             let tolerance = plan.components[index].tolerance;
             component.set_up((start, Some(end)), tolerance, &starts[index])?;
         }
-        let entered = self.components.iter_mut().try_for_each(Component::enter_initialization);
+        let entered =
+            self.components.iter_mut().try_for_each(ComponentInstance::enter_initialization);
         let propagated = entered.and_then(|()| self.propagate());
-        let exited = propagated
-            .and_then(|()| self.components.iter_mut().try_for_each(Component::exit_initialization));
+        let exited = propagated.and_then(|()| {
+            self.components.iter_mut().try_for_each(ComponentInstance::exit_initialization)
+        });
         let begun = exited.and_then(|()| {
             let components = self.components.iter_mut().zip(&plan.components);
             components.enumerate().try_for_each(|(index, (component, planned))| {
                 let (fmu, ports) = (&planned.fmu, &plan.wiring.components[index]);
                 let signals = plan.input.as_ref();
                 let signals =
-                    signals.and_then(|i| Signals::new(i, index, fmu, ports, &starts[index]));
+                    signals.and_then(|i| TableInputs::new(i, index, fmu, ports, &starts[index]));
                 component.begin(signals, planned.tolerance, (start, plan.experiment.step))
             })
         });
@@ -194,7 +196,7 @@ impl Simulation<'_> {
     /// # Errors
     /// A [`RunError`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
-        let integrates = self.plan.components.iter().any(Planned::integrates);
+        let integrates = self.plan.components.iter().any(LoadedComponent::integrates);
         let is_plain = self.plan.wiring.is_plain && !integrates;
         let steps = match (self.ended.take(), is_plain) {
             (Some(failure), _) => self.record_start(&mut observe).and(Err(failure)),
@@ -265,7 +267,7 @@ impl Simulation<'_> {
         // Later, the outputs of a component are read after each of its steps.
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
         // The first step reads them at the same communication point, but in other calls.
-        self.components.iter_mut().for_each(|component| component.calling.calls.begin(None));
+        self.components.iter_mut().for_each(|component| component.recorded.calls.begin(None));
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.record().at(time);
@@ -300,11 +302,11 @@ impl Simulation<'_> {
     #[inline]
     fn step<const PLAIN: bool>(&mut self, k: u64, time: f64, step: f64) -> Called {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
-        let lines = &mut self.lines;
+        let faulty_connections = &mut self.faulty_connections;
         let mut carry = |component: usize, outputs: &mut Store| {
             if !PLAIN {
-                let lines = lines[component].iter_mut();
-                lines.for_each(|line| line.carry(k, time, step, outputs));
+                let faulty_connections = faulty_connections[component].iter_mut();
+                faulty_connections.for_each(|connection| connection.carry(k, time, step, outputs));
             }
         };
         if self.plan.order == Order::Sequential {

@@ -11,11 +11,11 @@ use fmu_host::{Instance, InterfaceType, State};
 use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
-use crate::component::{Called, Component};
-use crate::exchange::Exchange;
-use crate::plan::{Assigned, Planned, assigned};
-use crate::wiring::{Wired, accessor};
-use crate::{Description, Messages, Plan, RunError, Written};
+use crate::component_instance::{Called, ComponentInstance};
+use crate::integrator::Integrator;
+use crate::plan::{Assigned, LoadedComponent, assigned};
+use crate::wiring::{AccessList, accessor};
+use crate::{Description, Literal, Messages, Plan, RunError};
 
 /// Which FMU to step, and how.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -75,7 +75,7 @@ pub enum Response {
 }
 
 /// The variables of an FMU. It is read, but not loaded.
-pub struct Names(Planned);
+pub struct Names(LoadedComponent);
 
 impl Names {
     /// Reads an FMU.
@@ -89,7 +89,7 @@ impl Names {
         component.interface = setup.interface;
         component.name = setup.name.clone().unwrap_or(std::mem::take(&mut component.name));
         for (name, size) in &setup.sizes {
-            description.set_start(name, Written::Text(size.clone()));
+            description.set_start(name, Literal::Text(size.clone()));
         }
         let mut plan = Plan::new(&description)?;
         Ok(Self(plan.components.swap_remove(0)))
@@ -132,13 +132,13 @@ impl Names {
     ///
     /// # Errors
     /// There is no such variable, or the value does not fit.
-    pub fn typed(&self, name: &str, value: Written) -> Result<Vec<(usize, Value)>> {
+    pub fn typed(&self, name: &str, value: Literal) -> Result<Vec<(usize, Value)>> {
         let fmu = &self.0.fmu;
         // The usual case.
         if let Some(scalar) = fmu.scalar(name) {
             return Ok(vec![(scalar, value.typed(fmu.variable(scalar), name)?)]);
         }
-        let value = if value.is_array() { value } else { Written::Array(vec![value]) };
+        let value = if value.is_array() { value } else { Literal::Array(vec![value]) };
         let typed = assigned(fmu, name, name, &value)?.into_iter();
         let typed = typed.map(|Assigned { scalar, name, value }| {
             Ok((scalar, value.typed(fmu.variable(scalar), &name)?))
@@ -151,13 +151,13 @@ impl Names {
 struct Saved {
     state: State,
     time: f64,
-    exchange: Option<Box<Exchange<'static>>>,
+    integrator: Option<Box<Integrator<'static>>>,
 }
 
 /// An instance of an FMU.
 pub struct SteppedFmu {
-    component: Component<'static>,
-    planned: Planned,
+    component: ComponentInstance<'static>,
+    planned: LoadedComponent,
     messages: Messages,
     time: f64,
     /// Whether it is initialized, and whether no call has failed.
@@ -176,7 +176,7 @@ impl SteppedFmu {
         let Names(planned) = Names::open(setup)?;
         let messages = Messages::recorded(record.clone());
         Ok(Self {
-            component: Component::new(0, &planned, &[], &BTreeMap::new(), &messages)?,
+            component: ComponentInstance::new(0, &planned, &[], &BTreeMap::new(), &messages)?,
             planned,
             messages,
             time: setup.start,
@@ -210,7 +210,7 @@ impl SteppedFmu {
                 let is_usable = *step > 0.0 && step.is_finite();
                 // In co-simulation, the FMU decides.
                 ensure!(
-                    is_usable || self.component.exchange.is_none(),
+                    is_usable || self.component.integrator.is_none(),
                     "step = {step:?} s is invalid, expected a positive number"
                 );
                 let called = self.step(*step);
@@ -272,7 +272,7 @@ impl SteppedFmu {
     }
 
     fn initialize(&mut self, starts: &[(usize, Value)]) -> Called {
-        let Planned { tolerance, .. } = self.planned;
+        let LoadedComponent { tolerance, .. } = self.planned;
         let starts = starts.iter().map(|(scalar, value)| (*scalar, value));
         let own = self.planned.starts.iter().map(|(scalar, value)| (*scalar, value));
         let all = own.chain(starts).collect();
@@ -297,7 +297,7 @@ impl SteppedFmu {
         let fmu = self.planned.fmu.clone();
         let mut values = Vec::with_capacity(scalars.len());
         for same in scalars.chunk_by(|a, b| fmu.access(*a) == fmu.access(*b)) {
-            let (kind, wired) = (fmu.access(same[0]), Wired::of(&fmu, same.iter().copied()));
+            let (kind, wired) = (fmu.access(same[0]), AccessList::of(&fmu, same.iter().copied()));
             let get = accessor("get", fmu.version, kind);
             let got = self.component.get(kind, get, &wired);
             values.extend(self.with_time(got)?);
@@ -318,17 +318,17 @@ impl SteppedFmu {
             for (scalar, value) in given {
                 array[fmu.scalars[*scalar].element] = value.clone();
             }
-            let wired = Wired::of(&fmu, given.iter().map(|(scalar, _)| *scalar));
+            let wired = AccessList::of(&fmu, given.iter().map(|(scalar, _)| *scalar));
             let waits = variable.causality == Causality::Input
                 && variable.variability != Variability::Continuous;
-            match &mut self.component.exchange {
-                Some(exchange) if waits || variable.is_parameter() => {
+            match &mut self.component.integrator {
+                Some(integrator) if waits || variable.is_parameter() => {
                     let set = |instance: &mut Instance| {
                         instance.set_values(kind, &wired.references, &array)
                     };
-                    let event = exchange.at_event(&mut self.component.calling, self.time, set);
+                    let event = integrator.at_event(&mut self.component.recorded, self.time, set);
                     let what = variable.name.clone();
-                    let event = event.map_err(|trouble| self.component.to_error(trouble, what));
+                    let event = event.map_err(|error| self.component.to_error(error, what));
                     self.with_time(event)?;
                 }
                 _ => {
@@ -348,31 +348,33 @@ impl SteppedFmu {
             Ok(fmu_host::Success::Ok)
         })?;
         let state = state.context("the FMU has no state")?;
-        let exchange = self.component.exchange.clone();
+        let integrator = self.component.integrator.clone();
         self.next += 1;
-        self.saved.insert(self.next, Saved { state, time: self.time, exchange });
+        self.saved.insert(self.next, Saved { state, time: self.time, integrator });
         Ok(self.next)
     }
 
     fn restore(&mut self, number: u64) -> Result<()> {
         let saved = self.saved.get(&number).context("there is no such state")?;
-        let (time, exchange) = (saved.time, saved.exchange.clone());
+        let (time, integrator) = (saved.time, saved.integrator.clone());
         let called = self.component.call("set_fmu_state", "restoring a state", |instance| {
             instance.set_fmu_state(&saved.state)
         });
         self.with_time(called)?;
         self.time = time;
-        self.component.exchange = exchange;
+        self.component.integrator = integrator;
         self.messages.record().at(self.time);
         Ok(())
     }
 
     /// The number of continuous states.
     fn states(&self) -> Result<usize> {
-        let exchange = self.component.exchange.as_ref();
+        let integrator = self.component.integrator.as_ref();
         let name = &self.planned.name;
         let expected = "run it by model exchange for continuous states and derivatives";
-        exchange.map(|exchange| exchange.states()).with_context(|| format!("{name}: {expected}"))
+        integrator
+            .map(|integrator| integrator.states())
+            .with_context(|| format!("{name}: {expected}"))
     }
 
     fn numbers(

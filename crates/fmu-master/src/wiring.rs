@@ -8,10 +8,10 @@ use fmu_host::{Listed, operation};
 use fmu_worker::Function;
 use serde::{Deserialize, Serialize};
 
-use crate::fault::{Line, Stage};
-use crate::input::Input;
-use crate::plan::{Link, Planned, Port};
-use crate::{Description, Fmu, Scale};
+use crate::fault::{FaultState, FaultyConnection};
+use crate::input::InputTable;
+use crate::plan::{LoadedComponent, ResolvedConnection, ScalarId};
+use crate::{Conversion, Description, Fmu};
 
 /// A place among values of the type Float64, or among the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,7 +91,7 @@ impl Store {
 
     /// Copies recorded values of another store; if they are `PLAIN`, all are Float64.
     #[inline(always)]
-    pub(crate) fn record<const PLAIN: bool>(&mut self, records: &Records, from: &Self) {
+    pub(crate) fn record<const PLAIN: bool>(&mut self, records: &RecordedSignals, from: &Self) {
         let (reals, sources) = (&mut *self.reals, &*from.reals);
         for &(source, to) in &records.reals {
             reals[to] = sources[source];
@@ -118,17 +118,17 @@ pub(crate) fn number(value: &Value) -> f64 {
 pub(crate) struct Wiring {
     /// The variables of each component: those of the type Float64, then those of each other type, which are
     /// rare.
-    pub(crate) components: Vec<Vec<Ports>>,
+    pub(crate) components: Vec<Vec<VariableGroup>>,
     /// What feeds each component during the initialization.
-    pub(crate) feeds: Vec<Vec<Feed>>,
+    pub(crate) feeds: Vec<Vec<FeedingOutputs>>,
     /// The number of outputs of all components: those of the type Float64, and the others.
     pub(crate) counts: [usize; 2],
     /// The recorded variables of continuous components, whose values before a step are recorded.
-    pub(crate) before: Records,
+    pub(crate) before: RecordedSignals,
     /// The recorded variables of sampled components, whose values after a step are recorded.
-    pub(crate) after: Records,
+    pub(crate) after: RecordedSignals,
     /// The connections with faults that lead to each component.
-    pub(crate) lines: Vec<Vec<Line>>,
+    pub(crate) faulty_connections: Vec<Vec<FaultyConnection>>,
     /// The places of the values from the input file among the outputs, in its order.
     pub(crate) fed: Vec<Place>,
     /// Whether all that is transferred at every step are values of Float64 as they are.
@@ -138,60 +138,64 @@ pub(crate) struct Wiring {
 /// Recorded variables: their indices among the outputs of all components and in a row. Values are stored
 /// in the same way in both.
 #[derive(Default)]
-pub(crate) struct Records {
+pub(crate) struct RecordedSignals {
     pub(crate) reals: Vec<(usize, usize)>,
     pub(crate) others: Vec<(usize, usize)>,
 }
 
 /// Variables of one component and type.
-pub(crate) struct Ports {
+pub(crate) struct VariableGroup {
     /// The type whose functions get and set them, and these functions.
     pub(crate) kind: Type,
     pub(crate) get: Option<Function>,
     pub(crate) set: Option<Function>,
     /// The connected inputs, and what feeds each of them.
-    pub(crate) inputs: Wired,
-    pub(crate) sources: Vec<Source>,
+    pub(crate) inputs: AccessList,
+    pub(crate) sources: Vec<InputSource>,
     /// The inputs and the Float64 outputs that feed them, if these follow each other, none is scaled, and they
     /// are all elements: their values need not be collected.
     pub(crate) run: Option<Listed>,
-    /// The Float64 outputs that feed inputs without a scale, and the positions of these inputs.
+    /// The Float64 outputs that feed inputs without a conversion, and the positions of these inputs.
     pub(crate) copied: Vec<(usize, usize)>,
     /// The variables that are connected or recorded, once each, and the place of the first.
-    pub(crate) outputs: Wired,
+    pub(crate) outputs: AccessList,
     pub(crate) first: Place,
     /// These outputs if they are Float64 and all elements: their values need not be distributed.
     pub(crate) whole: Option<Listed>,
 }
 
 /// The output, or the column of the input file, that feeds an input.
-pub(crate) struct Source {
+pub(crate) struct InputSource {
     /// `None` for the input file.
     pub(crate) component: Option<usize>,
     /// Its place among the outputs of all components, or the place of what a connection with faults delivers.
     pub(crate) output: Place,
-    pub(crate) scale: Option<Scale>,
+    pub(crate) conversion: Option<Conversion>,
 }
 
 /// Outputs of one component and type that feed another component.
-pub(crate) struct Feed {
+pub(crate) struct FeedingOutputs {
     pub(crate) component: usize,
     /// The type whose functions get them, and this function.
     pub(crate) kind: Type,
     pub(crate) get: Option<Function>,
-    pub(crate) outputs: Wired,
+    pub(crate) outputs: AccessList,
     /// The place of each among the outputs of all components.
     pub(crate) places: Vec<Place>,
 }
 
-impl Feed {
+impl FeedingOutputs {
     /// The feed from which a port is read.
-    fn of<'a>(all: &'a mut Vec<Self>, components: &[Planned], port: Port) -> &'a mut Self {
+    fn of<'a>(
+        all: &'a mut Vec<Self>,
+        components: &[LoadedComponent],
+        port: ScalarId,
+    ) -> &'a mut Self {
         let (component, kind) = (port.component, port.access(components));
         let found = all.iter().position(|feed| (feed.component, feed.kind) == (component, kind));
         let index = found.unwrap_or_else(|| {
             let get = accessor("get", components[component].fmu.version, kind);
-            let (outputs, places) = (Wired::default(), Vec::new());
+            let (outputs, places) = (AccessList::default(), Vec::new());
             all.push(Self { component, kind, get, outputs, places });
             all.len() - 1
         });
@@ -199,17 +203,17 @@ impl Feed {
     }
 }
 
-impl Ports {
+impl VariableGroup {
     fn new(version: FmiVersion, kind: Type) -> Self {
         Self {
             kind,
             get: accessor("get", version, kind),
             set: accessor("set", version, kind),
-            inputs: Wired::default(),
+            inputs: AccessList::default(),
             sources: Vec::new(),
             run: None,
             copied: Vec::new(),
-            outputs: Wired::default(),
+            outputs: AccessList::default(),
             first: Place::Other(0),
             whole: None,
         }
@@ -222,7 +226,11 @@ impl Ports {
     }
 
     /// Those among which a port is.
-    fn of<'a>(all: &'a mut [Vec<Self>], components: &[Planned], port: Port) -> &'a mut Self {
+    fn of<'a>(
+        all: &'a mut [Vec<Self>],
+        components: &[LoadedComponent],
+        port: ScalarId,
+    ) -> &'a mut Self {
         let (all, kind) = (&mut all[port.component], port.access(components));
         let found = all.iter().position(|ports| ports.kind == kind);
         let index = found.unwrap_or_else(|| {
@@ -236,12 +244,14 @@ impl Ports {
 impl Wiring {
     pub(crate) fn new(
         description: &Description,
-        components: &[Planned],
-        links: &[Link],
-        input: Option<&Input>,
-        recorded: &[Port],
+        components: &[LoadedComponent],
+        links: &[ResolvedConnection],
+        input: Option<&InputTable>,
+        recorded: &[ScalarId],
     ) -> Self {
-        let reals = |planned: &Planned| vec![Ports::new(planned.fmu.version, Type::Float64)];
+        let reals = |planned: &LoadedComponent| {
+            vec![VariableGroup::new(planned.fmu.version, Type::Float64)]
+        };
         let mut wired = Vec::from_iter(components.iter().map(reals));
 
         // All variables that are read, and their places.
@@ -251,8 +261,8 @@ impl Wiring {
         outputs.retain(|port| seen.insert(*port));
         outputs.sort_by_key(|port| (port.component, port.access(components) as u8));
         let mut counts = [0; 2];
-        let add = |port: Port| {
-            let ports = Ports::of(&mut wired, components, port);
+        let add = |port: ScalarId| {
+            let ports = VariableGroup::of(&mut wired, components, port);
             let place = Place::next(ports.kind, &mut counts);
             if ports.outputs.references.is_empty() {
                 ports.first = place;
@@ -261,9 +271,9 @@ impl Wiring {
             ports.outputs.push(fmu, port.scalar);
             (port, place)
         };
-        let outputs: HashMap<Port, Place> = outputs.into_iter().map(add).collect();
+        let outputs: HashMap<ScalarId, Place> = outputs.into_iter().map(add).collect();
 
-        let [mut before, mut after] = [Records::default(), Records::default()];
+        let [mut before, mut after] = [RecordedSignals::default(), RecordedSignals::default()];
         let kinds = recorded.iter().map(|port| port.of(components).of_type);
         for (port, column) in recorded.iter().zip(places(kinds)) {
             let records = if components[port.component].sampled { &mut after } else { &mut before };
@@ -277,39 +287,48 @@ impl Wiring {
 
         let mut links = Vec::from_iter(links);
         links.sort_by_key(|link| link.from.component);
-        let mut lines = vec![Vec::new(); components.len()];
-        let mut feeds = Vec::from_iter(components.iter().map(|_| Vec::<Feed>::new()));
+        let mut faulty_connections = vec![Vec::new(); components.len()];
+        let mut feeds = Vec::from_iter(components.iter().map(|_| Vec::<FeedingOutputs>::new()));
         let mut ranks = 0..;
-        for Link { from, to, scale, faults } in links {
-            let ports = Ports::of(&mut wired, components, *to);
+        for ResolvedConnection { from, to, conversion, faults } in links {
+            let ports = VariableGroup::of(&mut wired, components, *to);
             ports.inputs.push(&components[to.component].fmu, to.scalar);
             let mut output = outputs[from];
             if !faults.is_empty() {
                 let (experiment, seed) = (description.experiment(), description.seed);
-                let stages = faults.iter().zip(&mut ranks);
-                let stages = stages.map(|(fault, rank)| Stage::new(fault, seed, rank, &experiment));
-                let stages = stages.collect();
-                lines[to.component].push(Line { from: output, to: counts[0], stages });
+                let faults = faults.iter().zip(&mut ranks);
+                let faults =
+                    faults.map(|(fault, rank)| FaultState::new(fault, seed, rank, &experiment));
+                let faults = faults.collect();
+                faulty_connections[to.component].push(FaultyConnection {
+                    from: output,
+                    to: counts[0],
+                    faults,
+                });
                 output = Place::next(Type::Float64, &mut counts);
             }
-            let Port { component, scalar } = *from;
-            ports.sources.push(Source { component: Some(component), output, scale: *scale });
-            let feed = Feed::of(&mut feeds[to.component], components, *from);
+            let ScalarId { component, scalar } = *from;
+            ports.sources.push(InputSource {
+                component: Some(component),
+                output,
+                conversion: *conversion,
+            });
+            let feed = FeedingOutputs::of(&mut feeds[to.component], components, *from);
             feed.outputs.push(&components[component].fmu, scalar);
             feed.places.push(output);
         }
         let mut fed = Vec::new();
         for port in input.iter().flat_map(|input| input.ports()) {
-            let ports = Ports::of(&mut wired, components, port);
+            let ports = VariableGroup::of(&mut wired, components, port);
             let output = Place::next(ports.kind, &mut counts);
             fed.push(output);
             ports.inputs.push(&components[port.component].fmu, port.scalar);
-            ports.sources.push(Source { component: None, output, scale: None });
+            ports.sources.push(InputSource { component: None, output, conversion: None });
         }
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
             let pairs = reals.sources.iter().zip(&reals.inputs.positions);
             let copied = pairs.filter_map(|(source, position)| match source.output {
-                Place::Real(from) if source.scale.is_none() => Some((from, *position)),
+                Place::Real(from) if source.conversion.is_none() => Some((from, *position)),
                 _ => None,
             });
             reals.copied = copied.collect();
@@ -324,11 +343,11 @@ impl Wiring {
             };
         }
         let is_plain = input.is_none()
-            && lines.iter().all(Vec::is_empty)
+            && faulty_connections.iter().all(Vec::is_empty)
             && before.others.is_empty()
             && after.others.is_empty()
             && wired.iter().all(|all| all.len() == 1 && all[0].is_plain());
-        Self { components: wired, feeds, counts, before, after, lines, fed, is_plain }
+        Self { components: wired, feeds, counts, before, after, faulty_connections, fed, is_plain }
     }
 }
 
@@ -339,7 +358,7 @@ pub(crate) fn accessor(verb: &str, version: FmiVersion, kind: Type) -> Option<Fu
 
 /// Scalars, and the variables with which they are got or set.
 #[derive(Default)]
-pub(crate) struct Wired {
+pub(crate) struct AccessList {
     /// The value references; an array has one for all its elements.
     pub(crate) references: Vec<u32>,
     /// Their indices in the FMU.
@@ -356,7 +375,7 @@ pub(crate) struct Wired {
     arrays: HashMap<u32, usize>,
 }
 
-impl Wired {
+impl AccessList {
     /// The variables and the place of their elements in a list.
     pub(crate) fn listed(&self, first: usize) -> Listed {
         Listed::new(&self.references, first..first + self.elements)

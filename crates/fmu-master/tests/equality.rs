@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use fmu_build::{Options, Selection};
-use fmu_master::{Description, Messages, Plan, Written};
+use fmu_master::{Description, Literal, Messages, Plan};
 use pendulum_control::Target;
 use pendulum_control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
 use pendulum_control::pid::Integral;
@@ -49,9 +49,9 @@ fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> Vec<[u64; 2]> {
         SetPoint::Square => ("square", 0.1),
     };
     let starts = [
-        ("source.signal", Written::Text(name.into())),
-        ("source.frequency", Written::Real(frequency)),
-        ("source.disturbance.amplitude", Written::Real(disturbance)),
+        ("source.signal", Literal::Text(name.into())),
+        ("source.frequency", Literal::Real(frequency)),
+        ("source.disturbance.amplitude", Literal::Real(disturbance)),
     ]
     .map(|(variable, value)| plan.start(variable, &value).unwrap());
     let signals = ["controller.e", "controller.u"].map(|name| plan.place(name).unwrap());

@@ -7,7 +7,9 @@ use anyhow::{Context, Result, anyhow};
 use fmu_description::Value;
 use fmu_master::run::Computed;
 use fmu_master::stepped_fmu::{self, Setup};
-use fmu_master::{Changes, Description, Function, Plan, Signature, Start, is_fmu, locate, run};
+use fmu_master::{
+    Description, Function, Overrides, Plan, Signature, StartValue, is_fmu, locate, run,
+};
 use fmu_worker::Service;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -52,7 +54,7 @@ impl Loaded {
         &mut self,
         system: System,
         compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
-    ) -> Result<(&Plan, Vec<Start>)> {
+    ) -> Result<(&Plan, Vec<StartValue>)> {
         let is_same = |(last, plan): &(System, Plan)| {
             let System { file, text, functions, changes, sets } = last;
             (file, text, functions, changes)
@@ -75,7 +77,7 @@ pub struct System {
     text: Option<String>,
     /// The components that are functions.
     functions: Vec<(String, Signature)>,
-    changes: Changes,
+    changes: Overrides,
     sets: Vec<(String, String)>,
 }
 
@@ -99,7 +101,7 @@ impl System {
     pub fn plan(
         &self,
         compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
-    ) -> Result<(Plan, Vec<Start>)> {
+    ) -> Result<(Plan, Vec<StartValue>)> {
         let mut description = match &self.text {
             // Its lines are not the user's.
             Some(text) => Description::parse(text, &self.file).map_err(|error| {

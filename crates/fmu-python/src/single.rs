@@ -8,7 +8,7 @@ use anyhow::Context;
 use cargo_fmu::session::Session;
 use fmu_description::{Value, Variable};
 use fmu_master::stepped_fmu::{Names, Request, Response, Setup, SteppedFmu};
-use fmu_master::{RunError, Written};
+use fmu_master::{Literal, RunError};
 use fmu_worker::{Event, Owned, Record, Worker};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
@@ -128,17 +128,17 @@ fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Respo
 }
 
 /// A value, or an array as a list.
-fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
+fn written(value: &Bound<'_, PyAny>) -> PyResult<Literal> {
     if let Ok(list) = value.cast::<PyList>() {
         let values = list.iter().map(|value| written(&value));
-        return Ok(Written::Array(values.collect::<PyResult<_>>()?));
+        return Ok(Literal::Array(values.collect::<PyResult<_>>()?));
     }
     Ok(match from_python(value)? {
-        Value::Boolean(value) => Written::Boolean(value),
-        Value::String(text) => Written::Text(text),
+        Value::Boolean(value) => Literal::Boolean(value),
+        Value::String(text) => Literal::Text(text),
         number => match (number.as_whole(), number.as_real()) {
-            (Some(whole), _) => Written::Integer(whole),
-            (_, Some(real)) => Written::Real(real),
+            (Some(whole), _) => Literal::Integer(whole),
+            (_, Some(real)) => Literal::Real(real),
             _ => {
                 let text = format!("{value} is not a number, Boolean or string");
                 return Err(PyTypeError::new_err(text));

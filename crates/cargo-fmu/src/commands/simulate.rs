@@ -15,7 +15,8 @@ use fmu_file::replace;
 use fmu_master::run::{self, FinishedRun, RunOutcome, Watch};
 use fmu_master::table::{Format, header, push_line};
 use fmu_master::{
-    Changes, Column, Description, Experiment, Message, Plan, Row, Start, Statistics, is_fmu, locate,
+    Column, Description, Experiment, Message, Overrides, Plan, Row, StartValue, Statistics, is_fmu,
+    locate,
 };
 use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -33,7 +34,7 @@ pub struct SimulateArgs {
     #[arg(value_name = "FMU or SYSTEM.toml")]
     system: PathBuf,
     #[command(flatten)]
-    changes: Changes,
+    changes: Overrides,
     /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet; - is the
     /// standard output, which then has nothing else
     #[arg(long, value_name = "FILE", value_parser = results)]
@@ -195,8 +196,8 @@ pub fn stem(file: &Path) -> String {
 }
 
 /// Reads the system file, applies the options and loads the FMUs.
-fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<Start>)> {
-    let changes = Changes { sandbox: args.limited.sandbox(), ..args.changes.clone() };
+fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<StartValue>)> {
+    let changes = Overrides { sandbox: args.limited.sandbox(), ..args.changes.clone() };
     let mut description = Description::open(&args.system)?;
     description.change(&changes);
     for warning in description.package.iter().flat_map(|package| &package.warnings) {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use fmu_master::sweep::{Outline, Progress, Study, Workers};
+use fmu_master::sweep::{Outline, Study, SweepProgress, Workers};
 use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -103,7 +103,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
             true => collect(&study, &workers, &file, out)?,
             false => write(&study, &workers, &file, out)?,
         };
-        if let Some(Progress { runs, failed, first_failure, .. }) = &written {
+        if let Some(SweepProgress { runs, failed, first_failure, .. }) = &written {
             writeln!(out, "wrote {}: {}", file.display(), counted(*runs, "row"))?;
             args.page.draw_sweep(&stem(&args.sweep), &file, out)?;
             if let (true, Some((run, failure))) = (failed == runs, first_failure) {
@@ -125,7 +125,7 @@ fn collect(
     workers: &Workers<'_>,
     file: &Path,
     out: &mut impl Write,
-) -> Result<Option<Progress>> {
+) -> Result<Option<SweepProgress>> {
     let begin = |outline: &Outline<'_>, missing: &[(u64, u64)]| {
         Ok(writeln!(out, "{}", serde_json::to_string(&(outline, missing))?)?)
     };
@@ -138,7 +138,7 @@ fn write(
     workers: &Workers<'_>,
     file: &Path,
     out: &mut impl Write,
-) -> Result<Option<Progress>> {
+) -> Result<Option<SweepProgress>> {
     let bar = progress_bar()?;
     let mut begin = Instant::now();
     let (is_complete, progress) = study.write(file, workers, |progress| {

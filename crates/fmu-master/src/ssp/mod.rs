@@ -14,10 +14,10 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{FmiVersion, Type};
 use fmu_file::archive::{self, Packed};
 
-use crate::{Description, Messages, Order, Plan, Planned};
+use crate::{Description, LoadedComponent, Messages, Order, Plan};
 
 pub(crate) use read::is_package;
-pub use read::{Source, read};
+pub use read::{SystemOrigin, read};
 
 /// A package that is ready to be written.
 pub struct Package {
@@ -36,7 +36,7 @@ impl Package {
     pub fn new(system: &Path, description: &Description, folder: &Path) -> Result<Self> {
         let pack = || {
             let plan = Plan::new(description)?;
-            for Planned { fmu, .. } in &plan.components {
+            for LoadedComponent { fmu, .. } in &plan.components {
                 ensure!(
                     fmu.version == FmiVersion::Fmi2,
                     "{} is of FMI {}, expected 2.0: SSP 1.0 has no arrays",
@@ -46,7 +46,7 @@ impl Package {
             }
             // The FMUs themselves check their start values.
             plan.simulate(&[], &Messages::default())?;
-            let mut fmus = Fmus::default();
+            let mut fmus = PackedFmus::default();
             let places = plan.components.iter().map(|c| fmus.add(&c.fmu.path));
             let places = places.collect::<Result<Vec<_>>>()?;
             let name = system.file_stem().unwrap_or_default().to_string_lossy();
@@ -146,9 +146,9 @@ fn distinct(names: &[&str]) -> Result<Vec<String>> {
 /// The FMUs of a package, each stored once: its path in the package, its file and its content. Some file systems
 /// do not distinguish "a" from "A", so the keys are the paths in lower case.
 #[derive(Default)]
-struct Fmus(BTreeMap<String, (String, PathBuf, Vec<u8>)>);
+struct PackedFmus(BTreeMap<String, (String, PathBuf, Vec<u8>)>);
 
-impl Fmus {
+impl PackedFmus {
     /// Adds an FMU unless it is already there; returns its path in the package: the file name without
     /// characters that are not allowed in a URI. A different FMU must not have the same name.
     fn add(&mut self, fmu: &Path) -> Result<String> {

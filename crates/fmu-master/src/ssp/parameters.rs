@@ -7,12 +7,12 @@ use fmu_description::value;
 use fmu_description::xml::Element;
 
 use super::read::document;
-use super::system::{Link, Passage, Port, System, Unit, join};
+use super::system::{ConnectorPath, DefinedUnit, FlatSystem, IncomingConnection, Passage, join};
 use super::vocabulary::{self, MAPPING, PARAMETER_SET};
 use crate::fmu::units;
-use crate::{Scale, Written};
+use crate::{Conversion, Literal};
 
-impl System<'_> {
+impl FlatSystem<'_> {
     /// Sets the values of a binding.
     pub fn bind(&mut self, binding: &Element<'_>, path: &str) -> Result<()> {
         let (mut set_text, mut mapping_text) = (String::new(), String::new());
@@ -22,10 +22,10 @@ impl System<'_> {
             let mapping = self.part(holder, Some(holder), MAPPING, &mut mapping_text)?;
             mapping.children(vocabulary::MAPPING_ENTRY).map(entry).collect()
         });
-        let entries: Option<Vec<(String, Link)>> = entries.transpose()?;
+        let entries: Option<Vec<(String, IncomingConnection)>> = entries.transpose()?;
         // By their sources.
         let entries = entries.map(|entries| {
-            let mut targets: HashMap<String, Vec<(String, Link)>> = HashMap::new();
+            let mut targets: HashMap<String, Vec<(String, IncomingConnection)>> = HashMap::new();
             for (target, link) in entries {
                 targets.entry(link.from.1.clone()).or_default().push((target, link));
             }
@@ -39,7 +39,8 @@ impl System<'_> {
             let name = format!("{}{name}", binding.attribute("prefix").unwrap_or_default());
             let unit = self.stated(unit, &own, &name);
             let from = (String::new(), name.clone());
-            let unmapped = [(name.clone(), Link { from, ..Link::default() })];
+            let unmapped =
+                [(name.clone(), IncomingConnection { from, ..IncomingConnection::default() })];
             // A mapping leaves out all that it does not name.
             let targets = match &entries {
                 Some(entries) => entries.get(&name).map(Vec::as_slice).unwrap_or_default(),
@@ -89,9 +90,9 @@ impl System<'_> {
         &mut self,
         path: &str,
         target: &str,
-        link: &Link,
-        value: &Written,
-        unit: Option<&Unit>,
+        link: &IncomingConnection,
+        value: &Literal,
+        unit: Option<&DefinedUnit>,
     ) -> Result<()> {
         let passage = Passage { unit: unit.cloned(), scale: None };
         let mut targets = Vec::new();
@@ -106,8 +107,8 @@ impl System<'_> {
         for ((component, variable), scale) in targets {
             let value = match (value, scale) {
                 (value, None) => value.clone(),
-                (Written::Real(value), Some(Scale { factor, offset })) => {
-                    Written::Real(factor * value + offset)
+                (Literal::Real(value), Some(Conversion { factor, offset })) => {
+                    Literal::Real(factor * value + offset)
                 }
                 _ => bail!("only a Real can be transformed"),
             };
@@ -120,7 +121,7 @@ impl System<'_> {
 
     /// The variable of a component, or the connector of a system, with this name in the element `path` or in one
     /// of its elements.
-    fn find(&self, path: &str, name: &str) -> Option<Port> {
+    fn find(&self, path: &str, name: &str) -> Option<ConnectorPath> {
         let port = (path.to_owned(), name.to_owned());
         if self.is_component(path) {
             let array = name.split('[').next().unwrap_or_default();
@@ -141,15 +142,15 @@ impl System<'_> {
 }
 
 /// An entry of a mapping: the name of its target, and a link from its source.
-fn entry(element: &Element<'_>) -> Result<(String, Link)> {
+fn entry(element: &Element<'_>) -> Result<(String, IncomingConnection)> {
     let attribute = |name| element.attribute(name).unwrap_or_default().to_owned();
     let source = attribute("source");
-    let link = Link::new((String::new(), source.clone()), element);
+    let link = IncomingConnection::new((String::new(), source.clone()), element);
     Ok((attribute("target"), link.with_context(|| format!("mapping of {source}"))?))
 }
 
 /// The value of a parameter, and its unit.
-fn read<'a>(parameter: &'a Element<'_>) -> Result<(Written, Option<&'a str>)> {
+fn read<'a>(parameter: &'a Element<'_>) -> Result<(Literal, Option<&'a str>)> {
     let kinds = [
         vocabulary::REAL_VALUE,
         vocabulary::INTEGER_VALUE,
@@ -164,10 +165,10 @@ fn read<'a>(parameter: &'a Element<'_>) -> Result<(Written, Option<&'a str>)> {
     };
     let text = element.attribute("value").unwrap_or_default();
     let value = match element.name {
-        vocabulary::REAL_VALUE => value::real(text).map(Written::Real),
-        vocabulary::INTEGER_VALUE => value::whole(text).map(Written::Integer),
-        vocabulary::BOOLEAN_VALUE => value::boolean(text).map(Written::Boolean),
-        _ => Some(Written::Text(text.to_owned())),
+        vocabulary::REAL_VALUE => value::real(text).map(Literal::Real),
+        vocabulary::INTEGER_VALUE => value::whole(text).map(Literal::Integer),
+        vocabulary::BOOLEAN_VALUE => value::boolean(text).map(Literal::Boolean),
+        _ => Some(Literal::Text(text.to_owned())),
     };
     let value = value.with_context(|| format!("{text:?} is not of the type {}", element.name))?;
     Ok((value, element.attribute("unit")))

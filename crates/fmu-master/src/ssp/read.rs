@@ -10,7 +10,7 @@ use fmu_file::archive::{self, Archive};
 use fmu_host::Owned;
 use tempfile::TempDir;
 
-use super::system::System;
+use super::system::FlatSystem;
 use super::vocabulary::{self, EXPERIMENT, OMS_INFORMATION, OMS_MASTER, OSP_FIXED_STEP};
 use crate::fmu::{Units, units};
 use crate::{Description, Order};
@@ -20,23 +20,23 @@ pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
 
 /// Where a system comes from if not from a TOML file.
 #[derive(Debug)]
-pub struct Source {
+pub struct SystemOrigin {
     /// What was left out, such as parameters without a variable.
     pub warnings: Vec<String>,
     /// The files outside of packages that it refers to.
     pub(crate) files: Vec<PathBuf>,
     /// The packages and structures, until the FMUs are loaded.
-    opened: Vec<Files>,
+    opened: Vec<OpenedPackage>,
 }
 
-impl Source {
+impl SystemOrigin {
     /// A text with the names of packages in place of the folders to which they are unpacked.
     pub(crate) fn named(&self, error: &Error) -> Error {
         named(&self.opened, error)
     }
 }
 
-fn named(opened: &[Files], error: &Error) -> Error {
+fn named(opened: &[OpenedPackage], error: &Error) -> Error {
     let unpacked = opened.iter().rev().filter(|files| files.is_package());
     Error::msg(unpacked.fold(format!("{error:#}"), |text, files| {
         let [folder, file] = [&files.folder, &files.file].map(|path| path.display().to_string());
@@ -61,7 +61,7 @@ fn has_extension(file: &Path, expected: &str) -> bool {
 /// The file cannot be read, is invalid, or has a part that is not supported.
 pub fn read(file: &Path) -> Result<Description> {
     let read = || {
-        let mut opened = vec![Files::open(file)?];
+        let mut opened = vec![OpenedPackage::open(file)?];
         let mut description = describe(&mut opened).map_err(|error| named(&opened, &error))?;
         if let Some(source) = description.package.as_mut().and_then(Arc::get_mut) {
             source.opened = opened;
@@ -81,10 +81,10 @@ pub fn system_of<'a>(structure: &'a Element<'a>) -> Result<&'a Element<'a>> {
     structure.child(vocabulary::SYSTEM).context("it has no system")
 }
 
-fn describe(opened: &mut Vec<Files>) -> Result<Description> {
+fn describe(opened: &mut Vec<OpenedPackage>) -> Result<Description> {
     let text = opened[0].structure()?;
     let root = document(&text, vocabulary::STRUCTURE)?;
-    let mut system = System::new(opened, units_of(&root));
+    let mut system = FlatSystem::new(opened, units_of(&root));
     system.add(system_of(&root)?, "")?;
     let connections = system.connections()?;
     let experiment = root.child(EXPERIMENT);
@@ -110,7 +110,7 @@ fn describe(opened: &mut Vec<Files>) -> Result<Description> {
         order: Order::Parallel,
         components: system.components,
         connections,
-        package: Some(Arc::new(Source {
+        package: Some(Arc::new(SystemOrigin {
             warnings: system.warnings,
             files: system.sources,
             opened: Vec::new(),
@@ -166,7 +166,7 @@ pub fn check(structure: &str) -> Result<()> {
 
 /// The files that a system structure refers to.
 #[derive(Debug)]
-pub struct Files {
+pub struct OpenedPackage {
     /// The package or the structure.
     file: PathBuf,
     folder: PathBuf,
@@ -174,7 +174,7 @@ pub struct Files {
     unpacked: Option<Owned<TempDir>>,
 }
 
-impl Files {
+impl OpenedPackage {
     /// Opens a structure (.ssd) or unpacks a package.
     ///
     /// # Errors

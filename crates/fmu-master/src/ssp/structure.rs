@@ -7,7 +7,7 @@ use fmu_description::xml::Element;
 use fmu_description::{Causality, Type, Value, Variable};
 
 use super::vocabulary;
-use crate::{Experiment, Fmu, Plan, Planned};
+use crate::{Experiment, Fmu, LoadedComponent, Plan};
 
 /// The name of every set of start values: tools select sets of all components by one name.
 const PARAMETER_SET: &str = "initialValues";
@@ -27,7 +27,7 @@ pub fn document(
 ) -> Result<String> {
     let Experiment { start, stop, step } = plan.experiment;
     let sides = Vec::from_iter(plan.components.iter().map(sides));
-    let mut terms = Terms::default();
+    let mut terms = Definitions::default();
     let components = plan.components.iter().enumerate().map(|(index, planned)| {
         let (name, place) = (&identifiers[index], &places[index]);
         let implementation = match planned.integrates() {
@@ -51,11 +51,11 @@ pub fn document(
             .with("startConnector", &from.name)
             .with("endElement", &identifiers[link.to.component])
             .with("endConnector", &to.name)
-            .with_some("suppressUnitConversion", link.scale.map(|_| true))
-            .holding_all(link.scale.map(|scale| {
+            .with_some("suppressUnitConversion", link.conversion.map(|_| true))
+            .holding_all(link.conversion.map(|conversion| {
                 Element::new(vocabulary::LINEAR)
-                    .with("factor", real(scale.factor))
-                    .with("offset", real(scale.offset))
+                    .with("factor", real(conversion.factor))
+                    .with("offset", real(conversion.offset))
             }))
     });
     let name = super::identifier(name);
@@ -96,7 +96,7 @@ pub fn document(
 /// system sets.
 type Sides<'a> = [Vec<&'a Variable>; 3];
 
-fn sides(component: &Planned) -> Sides<'_> {
+fn sides(component: &LoadedComponent) -> Sides<'_> {
     let set: HashSet<_> = component.starts().map(|(variable, _)| &variable.name).collect();
     let is_on = |side: usize, v: &Variable| match side {
         0 => v.causality == Causality::Input,
@@ -107,7 +107,7 @@ fn sides(component: &Planned) -> Sides<'_> {
     [0, 1, 2].map(|side| all.iter().filter(|v| is_on(side, v)).collect())
 }
 
-fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Terms) -> Vec<Element<'static>> {
+fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Definitions) -> Vec<Element<'static>> {
     let mut connectors = Vec::new();
     for (side, kind) in ["input", "output", "parameter"].into_iter().enumerate() {
         for (index, variable) in sides[side].iter().enumerate() {
@@ -126,7 +126,7 @@ fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Terms) -> Vec<Element<'s
 }
 
 /// The start values, stored in the component itself, where all tools read them.
-fn bindings(component: &Planned, terms: &mut Terms) -> Vec<Element<'static>> {
+fn bindings(component: &LoadedComponent, terms: &mut Definitions) -> Vec<Element<'static>> {
     let parameters = component.starts().map(|(variable, value)| {
         Element::new(vocabulary::PARAMETER).with("name", &variable.name).holding(terms.of(
             &component.fmu,
@@ -184,12 +184,12 @@ fn master(step: f64) -> Element<'static> {
 
 /// The units and enumerations that a system uses.
 #[derive(Default)]
-struct Terms {
+struct Definitions {
     units: BTreeMap<String, Vec<(String, f64)>>,
     enumerations: BTreeMap<String, Vec<(String, i64)>>,
 }
 
-impl Terms {
+impl Definitions {
     /// The unit of a variable; `None` if the FMU does not define it or another FMU defines it
     /// differently. Tools then use the unit of the FMU's variable.
     fn unit(&mut self, fmu: &Fmu, variable: &Variable) -> Option<String> {

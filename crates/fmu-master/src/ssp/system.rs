@@ -8,19 +8,19 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::Element;
 use fmu_file::archive;
 
-use super::read::{self, Files};
+use super::read::{self, OpenedPackage};
 use super::vocabulary::{self, COMPONENT, SYSTEM};
 use crate::fmu::{Declared, Units};
-use crate::{Component, Connection, InterfaceType, Scale};
+use crate::{Component, Connection, Conversion, InterfaceType};
 
 /// A connector: the path of its element, which is empty for the outermost system, and its name.
-pub type Port = (String, String);
+pub type ConnectorPath = (String, String);
 
 /// What feeds a connector, and how its value is converted.
 #[derive(Default)]
-pub struct Link {
-    pub from: Port,
-    pub scale: Option<Scale>,
+pub struct IncomingConnection {
+    pub from: ConnectorPath,
+    pub scale: Option<Conversion>,
     /// Whether units are not converted.
     pub is_plain: bool,
 }
@@ -28,13 +28,13 @@ pub struct Link {
 /// A value on its way through connectors: its unit, and the conversions so far.
 #[derive(Clone, Default)]
 pub struct Passage {
-    pub unit: Option<Unit>,
-    pub scale: Option<Scale>,
+    pub unit: Option<DefinedUnit>,
+    pub scale: Option<Conversion>,
 }
 
 /// A unit and its definition in base units.
 #[derive(Clone)]
-pub struct Unit {
+pub struct DefinedUnit {
     pub name: String,
     pub definition: Option<Vec<(String, f64)>>,
 }
@@ -42,13 +42,13 @@ pub struct Unit {
 struct Connector {
     /// Whether values leave its element here.
     is_output: bool,
-    unit: Option<Unit>,
+    unit: Option<DefinedUnit>,
 }
 
 /// The elements read so far. Their paths are names separated by dots.
-pub struct System<'a> {
+pub struct FlatSystem<'a> {
     /// The opened packages and structures; the paths that are read belong to the one with this index.
-    pub opened: &'a mut Vec<Files>,
+    pub opened: &'a mut Vec<OpenedPackage>,
     pub current: usize,
     pub units: Units,
     pub components: Vec<Component>,
@@ -57,19 +57,19 @@ pub struct System<'a> {
     /// All elements by their paths: the indices of components, and `None` for systems.
     pub elements: HashMap<String, Option<usize>>,
     /// What feeds each connector.
-    links: BTreeMap<Port, Link>,
+    links: BTreeMap<ConnectorPath, IncomingConnection>,
     /// The connectors that a connector of a system feeds.
-    fed: HashMap<Port, BTreeSet<Port>>,
+    fed: HashMap<ConnectorPath, BTreeSet<ConnectorPath>>,
     pub warnings: Vec<String>,
     /// Warnings of units that are not defined, and are taken as none.
     pub undefined: RefCell<BTreeSet<String>>,
     /// The files outside of packages.
     pub sources: Vec<PathBuf>,
-    connectors: HashMap<Port, Connector>,
+    connectors: HashMap<ConnectorPath, Connector>,
 }
 
-impl<'a> System<'a> {
-    pub fn new(opened: &'a mut Vec<Files>, units: Units) -> Self {
+impl<'a> FlatSystem<'a> {
+    pub fn new(opened: &'a mut Vec<OpenedPackage>, units: Units) -> Self {
         Self {
             opened,
             current: 0,
@@ -110,7 +110,7 @@ impl<'a> System<'a> {
     fn file(&mut self, source: &str, path: &str) -> Result<()> {
         const MOST: usize = 100;
         ensure!(self.opened.len() <= MOST, "there are more than {MOST} packages in packages");
-        let opened = Files::open(&self.path(source)?).with_context(|| source.to_owned())?;
+        let opened = OpenedPackage::open(&self.path(source)?).with_context(|| source.to_owned())?;
         let text = opened.structure();
         self.opened.push(opened);
         let current = std::mem::replace(&mut self.current, self.opened.len() - 1);
@@ -223,7 +223,7 @@ impl<'a> System<'a> {
                 bail!("{a} and {b} are connected, but both {what} values")
             }
         };
-        let link = Link::new(from, element)?;
+        let link = IncomingConnection::new(from, element)?;
         if !self.is_component(&link.from.0) {
             self.fed.entry(link.from.clone()).or_default().insert(to.clone());
         }
@@ -244,7 +244,7 @@ impl<'a> System<'a> {
             connections.extend(targets.into_iter().map(|(to, scale)| Connection {
                 from: from.clone(),
                 to: join(&to.0, &to.1),
-                scale,
+                conversion: scale,
                 faults: Vec::new(),
             }));
         }
@@ -255,9 +255,9 @@ impl<'a> System<'a> {
     pub fn follow(
         &self,
         passage: Passage,
-        link: &Link,
-        to: &Port,
-        targets: &mut Vec<(Port, Option<Scale>)>,
+        link: &IncomingConnection,
+        to: &ConnectorPath,
+        targets: &mut Vec<(ConnectorPath, Option<Conversion>)>,
     ) -> Result<()> {
         let mut rest = vec![(passage, link, to)];
         while let Some((passage, link, port)) = rest.pop() {
@@ -280,7 +280,7 @@ impl<'a> System<'a> {
     }
 
     /// Whether there is such a connector of a system.
-    pub fn has_connector(&self, port: &Port) -> bool {
+    pub fn has_connector(&self, port: &ConnectorPath) -> bool {
         self.connectors.contains_key(port) && !self.is_component(&port.0)
     }
 
@@ -290,14 +290,14 @@ impl<'a> System<'a> {
     }
 
     /// The unit of this name for what `of` names; an empty one is none.
-    pub fn stated(&self, unit: Option<&str>, units: &Units, of: &str) -> Option<Unit> {
+    pub fn stated(&self, unit: Option<&str>, units: &Units, of: &str) -> Option<DefinedUnit> {
         let unit = unit?;
         if unit.is_empty() {
             self.undefined(unit, of);
             return None;
         }
         let definition = units.get(unit).or_else(|| self.units.get(unit)).cloned();
-        Some(Unit { name: unit.to_owned(), definition })
+        Some(DefinedUnit { name: unit.to_owned(), definition })
     }
 
     /// Warns of a unit.
@@ -307,9 +307,9 @@ impl<'a> System<'a> {
     }
 
     /// The unit of a connector; by default, or if it is not defined, the unit of the variable.
-    fn unit(&self, port: &Port) -> Option<Unit> {
+    fn unit(&self, port: &ConnectorPath) -> Option<DefinedUnit> {
         let model = self.model(&port.0);
-        let defined = |name: &String, definition: &Option<_>| Unit {
+        let defined = |name: &String, definition: &Option<_>| DefinedUnit {
             definition: definition.clone().or_else(|| model?.units.get(name).cloned()),
             name: name.clone(),
         };
@@ -320,7 +320,7 @@ impl<'a> System<'a> {
         }
         let of_variable = model.and_then(|model| model.variables.get(&port.1)?.as_ref());
         let of_variable = of_variable.map(|name| defined(name, &self.units.get(name).cloned()));
-        if let (Some(Unit { name, .. }), Some(other)) = (&stated, &of_variable)
+        if let (Some(DefinedUnit { name, .. }), Some(other)) = (&stated, &of_variable)
             && *name != other.name
         {
             self.undefined(name, &join(&port.0, &port.1));
@@ -328,9 +328,14 @@ impl<'a> System<'a> {
         of_variable.or(stated)
     }
 
-    fn pass(&self, passage: Passage, link: &Link, to: &Port) -> Result<Passage> {
+    fn pass(
+        &self,
+        passage: Passage,
+        link: &IncomingConnection,
+        to: &ConnectorPath,
+    ) -> Result<Passage> {
         let mut unit = self.unit(to);
-        let same = Some(Scale { factor: 1.0, offset: 0.0 });
+        let same = Some(Conversion { factor: 1.0, offset: 0.0 });
         let mut conversion = None;
         if let (Some(from), Some(into)) = (&passage.unit, &unit)
             && from.name != into.name
@@ -356,9 +361,9 @@ impl<'a> System<'a> {
     }
 }
 
-impl Unit {
+impl DefinedUnit {
     /// How a value in this unit is converted to another; `None` if they are the same.
-    fn conversion(&self, to: &Self) -> Result<Option<Scale>> {
+    fn conversion(&self, to: &Self) -> Result<Option<Conversion>> {
         let split = |unit: &Self| {
             let parts = unit.definition.clone()?.into_iter();
             let is_exponent = |(name, _): &(String, f64)| name != "factor" && name != "offset";
@@ -369,7 +374,7 @@ impl Unit {
         match (split(self), split(to)) {
             (Some((a, factor, offset)), Some((b, to_factor, to_offset))) if a == b => {
                 let is_same = factor == to_factor && offset == to_offset;
-                Ok((!is_same).then(|| Scale {
+                Ok((!is_same).then(|| Conversion {
                     factor: factor / to_factor,
                     offset: (offset - to_offset) / to_factor,
                 }))
@@ -380,18 +385,18 @@ impl Unit {
 }
 
 /// One conversion after another.
-fn then(first: Option<Scale>, second: Option<Scale>) -> Option<Scale> {
+fn then(first: Option<Conversion>, second: Option<Conversion>) -> Option<Conversion> {
     match (first, second) {
         (Some(a), Some(b)) => {
-            Some(Scale { factor: b.factor * a.factor, offset: b.factor * a.offset + b.offset })
+            Some(Conversion { factor: b.factor * a.factor, offset: b.factor * a.offset + b.offset })
         }
         (first, second) => first.or(second),
     }
 }
 
-impl Link {
+impl IncomingConnection {
     /// The link that a connection or an entry of a mapping describes.
-    pub fn new(from: Port, element: &Element<'_>) -> Result<Self> {
+    pub fn new(from: ConnectorPath, element: &Element<'_>) -> Result<Self> {
         let is_other = |child: &&Element<'_>| child.name.ends_with("MappingTransformation");
         if let Some(other) = element.children.iter().find(is_other) {
             bail!("{} is not supported, expected LinearTransformation", other.name);
@@ -402,7 +407,7 @@ impl Link {
                 false => Some(default),
             };
             let scale = part("factor", 1.0).zip(part("offset", 0.0));
-            let scale = scale.map(|(factor, offset)| Scale { factor, offset });
+            let scale = scale.map(|(factor, offset)| Conversion { factor, offset });
             scale.context("the factor and offset of a transformation must be finite numbers")
         });
         let is_plain = element.is_true("suppressUnitConversion");

@@ -10,7 +10,7 @@ use crate::table::{Cell, Column};
 /// When a loop counts as settled, and when as diverged.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Options {
+pub struct Criteria {
     /// Maximum |e| of a settled loop, as a fraction of the absolute value of the reference; where the
     /// reference is 0, a loop has settled if e is 0.
     #[serde(deserialize_with = "band")]
@@ -35,7 +35,7 @@ fn limit<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     })
 }
 
-impl Default for Options {
+impl Default for Criteria {
     fn default() -> Self {
         Self { band: 0.003, limit: 1e3 }
     }
@@ -43,7 +43,7 @@ impl Default for Options {
 
 /// The signals of a control loop at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct LoopSample {
     /// Time in seconds.
     pub time: f64,
     /// Reference (set-point).
@@ -60,11 +60,11 @@ pub struct Sample {
 /// Accumulates the metrics of a run.
 ///
 /// ```
-/// use fmu_master::sweep::{Metrics, Options, Sample};
+/// use fmu_master::sweep::{Criteria, LoopSample, MetricsAccumulator};
 ///
-/// let mut metrics = Metrics::new(&Options::default());
+/// let mut metrics = MetricsAccumulator::new(&Criteria::default());
 /// for (time, y) in [(0.0, 0.0), (0.1, 1.2), (0.2, 1.0), (0.3, 1.0)] {
-///     metrics.push(Sample { time, r: 1.0, y, e: 1.0 - y, u: 0.0 });
+///     metrics.push(LoopSample { time, r: 1.0, y, e: 1.0 - y, u: 0.0 });
 /// }
 /// let summary = metrics.finish();
 /// assert_eq!(summary.overshoot, Some(1.2 - 1.0));
@@ -72,10 +72,10 @@ pub struct Sample {
 /// assert_eq!(summary.final_e, Some(0.0));
 /// ```
 #[derive(Debug, Clone)]
-pub struct Metrics {
-    options: Options,
+pub struct MetricsAccumulator {
+    options: Criteria,
     /// The first and the last sample.
-    ends: Option<(Sample, Sample)>,
+    ends: Option<(LoopSample, LoopSample)>,
     /// Changes of the reference.
     changes: u64,
     /// Whether the last sample changed the reference.
@@ -85,12 +85,12 @@ pub struct Metrics {
     lowest_y: f64,
     highest_y: f64,
     largest_r: f64,
-    summary: Summary,
+    summary: Metrics,
 }
 
-impl Metrics {
+impl MetricsAccumulator {
     /// The metrics of a run without samples.
-    pub fn new(options: &Options) -> Self {
+    pub fn new(options: &Criteria) -> Self {
         Self {
             options: *options,
             ends: None,
@@ -100,7 +100,7 @@ impl Metrics {
             lowest_y: f64::INFINITY,
             highest_y: f64::NEG_INFINITY,
             largest_r: 0.0,
-            summary: Summary::default(),
+            summary: Metrics::default(),
         }
     }
 
@@ -110,11 +110,11 @@ impl Metrics {
     /// |e| exceeds the limit. Such a sample only sets the time of divergence; neither it nor later ones
     /// enter the metrics.
     #[inline]
-    pub fn push(&mut self, sample: Sample) -> bool {
+    pub fn push(&mut self, sample: LoopSample) -> bool {
         if self.summary.diverged {
             return false;
         }
-        let Sample { time, r, y, e, u } = sample;
+        let LoopSample { time, r, y, e, u } = sample;
         // One check for nearly all samples: a sum is not finite if one of its numbers is not.
         let is_finite = (time + r + y + e + u).is_finite()
             || [time, r, y, e, u].iter().all(|number| number.is_finite());
@@ -156,9 +156,9 @@ impl Metrics {
     }
 
     /// Returns the metrics of all samples.
-    pub fn finish(self) -> Summary {
+    pub fn finish(self) -> Metrics {
         let resting = !self.summary.diverged && !self.changed;
-        Summary {
+        Metrics {
             overshoot: self.overshoot(),
             settling_time: self.settled.filter(|_| resting),
             final_e: self.ends.map(|(_, last)| last.e),
@@ -193,7 +193,7 @@ fn larger(a: f64, b: f64) -> f64 {
 
 /// The metrics of a run, up to its divergence if it diverged.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Summary {
+pub struct Metrics {
     /// Integral of |e|. This and the next two are computed from the first to the last sample by the
     /// rectangle rule: a sample holds until the next one.
     pub iae: f64,
@@ -212,20 +212,20 @@ pub struct Summary {
     /// `None` if there is no sample or the step has zero height.
     pub overshoot: Option<f64>,
     /// The time in seconds, not before the reference's last change, from which on |e| stays within
-    /// [`Options::band`] times the absolute value of the reference. `None` if there is no such time,
+    /// [`Criteria::band`] times the absolute value of the reference. `None` if there is no such time,
     /// the reference still changes at the last sample, or the run diverged.
     pub settling_time: Option<f64>,
     /// Maximum |u|; 0 if there is no sample.
     pub largest_u: f64,
     /// The error at the last sample; `None` if there is no sample.
     pub final_e: Option<f64>,
-    /// Whether the simulation failed, a number was not finite, or |e| exceeded [`Options::limit`].
+    /// Whether the simulation failed, a number was not finite, or |e| exceeded [`Criteria::limit`].
     pub diverged: bool,
     /// The time of divergence in seconds.
     pub diverged_at: Option<f64>,
 }
 
-impl Summary {
+impl Metrics {
     /// The columns of the metrics.
     pub fn columns() -> [Column; 9] {
         Self::default().named().map(|(name, optional, cell)| {
@@ -234,7 +234,7 @@ impl Summary {
         })
     }
 
-    /// The metrics in the order of [`Summary::columns`].
+    /// The metrics in the order of [`Metrics::columns`].
     pub fn cells(&self) -> [Cell; 9] {
         self.named().map(|(.., cell)| cell)
     }
@@ -261,13 +261,13 @@ impl Summary {
 mod tests {
     use super::*;
 
-    fn sample(time: f64, r: f64, y: f64) -> Sample {
+    fn sample(time: f64, r: f64, y: f64) -> LoopSample {
         let (e, u) = (r - y, 0.0);
-        Sample { time, r, y, e, u }
+        LoopSample { time, r, y, e, u }
     }
 
-    fn summary(samples: impl IntoIterator<Item = Sample>) -> Summary {
-        let mut metrics = Metrics::new(&Options::default());
+    fn summary(samples: impl IntoIterator<Item = LoopSample>) -> Metrics {
+        let mut metrics = MetricsAccumulator::new(&Criteria::default());
         for sample in samples {
             metrics.push(sample);
         }
@@ -275,12 +275,12 @@ mod tests {
     }
 
     /// A reference and an output sampled every 1 ms.
-    fn sampled(count: u32, r: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) -> Vec<Sample> {
+    fn sampled(count: u32, r: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) -> Vec<LoopSample> {
         let times = (0..count).map(|k| 0.001 * f64::from(k));
         times.map(|time| sample(time, r(time), y(time))).collect()
     }
 
-    fn decay(constant: f64) -> Vec<Sample> {
+    fn decay(constant: f64) -> Vec<LoopSample> {
         sampled(20_000, |_| 1.0, |time| 1.0 - libm::exp(-time / constant))
     }
 
@@ -348,17 +348,17 @@ mod tests {
             [0.0, 0.0, 0.0, -infinity],
         ] {
             let [r, y, e, u] = wrong;
-            let mut metrics = Metrics::new(&Options::default());
+            let mut metrics = MetricsAccumulator::new(&Criteria::default());
             assert!(sound[..50].iter().all(|&sample| metrics.push(sample)));
             let time = sound[50].time;
-            assert!(!metrics.push(Sample { time, r, y, e, u }));
+            assert!(!metrics.push(LoopSample { time, r, y, e, u }));
             assert!(!metrics.push(sound[51]));
             metrics.diverge(99.0);
             let expected =
-                Summary { diverged: true, diverged_at: Some(time), settling_time: None, ..until };
+                Metrics { diverged: true, diverged_at: Some(time), settling_time: None, ..until };
             assert_eq!(metrics.finish(), expected);
         }
-        let mut metrics = Metrics::new(&Options::default());
+        let mut metrics = MetricsAccumulator::new(&Criteria::default());
         metrics.diverge(0.5);
         let found = metrics.finish();
         assert_eq!((found.diverged_at, found.final_e), (Some(0.5), None));
@@ -367,9 +367,9 @@ mod tests {
     #[test]
     fn options_are_checked() {
         for wrong in ["band = -0.1", "band = nan", "limit = 0.0", "limit = nan", "bnd = 0"] {
-            assert!(toml::from_str::<Options>(wrong).is_err(), "{wrong}");
+            assert!(toml::from_str::<Criteria>(wrong).is_err(), "{wrong}");
         }
-        let partial: Options = toml::from_str("limit = inf").unwrap();
+        let partial: Criteria = toml::from_str("limit = inf").unwrap();
         assert_eq!(partial.band, 0.003);
     }
 }

@@ -1,4 +1,4 @@
-//! Parameter sweeps: many runs of one plan. [`Parameters`] has the values of every run, [`Metrics`] reduces
+//! Parameter sweeps: many runs of one plan. [`Parameters`] has the values of every run, [`MetricsAccumulator`] reduces
 //! each run to a row of numbers, and a [`Journal`] stores the rows so that they survive a kill and writes
 //! them as a table. A [`Study`] does this for a system of FMUs, in worker processes.
 //!
@@ -16,10 +16,10 @@ mod pool;
 mod study;
 
 pub use journal::Journal;
-pub use metrics::{Metrics, Options, Sample, Summary};
+pub use metrics::{Criteria, LoopSample, Metrics, MetricsAccumulator};
 pub use parameters::{Parameter, Parameters};
 pub use pool::Workers;
-pub use study::{Outline, Progress, Study};
+pub use study::{Outline, Study, SweepProgress};
 
 /// Reads a value and converts it, so that an error names its line.
 fn converted<'de, D: Deserializer<'de>, T: Deserialize<'de>, U>(

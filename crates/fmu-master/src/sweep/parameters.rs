@@ -12,7 +12,7 @@ use fmu_description::{Type, Value};
 use serde::{Deserialize, Deserializer};
 
 use super::converted;
-use crate::Written;
+use crate::Literal;
 use crate::random::Draw;
 use crate::table::{Column, expected};
 
@@ -141,7 +141,7 @@ enum Values {
         from: f64,
         to: f64,
         count: u64,
-        scale: Scale,
+        scale: Spacing,
     },
     Uniform([f64; 2]),
     LogUniform([f64; 2]),
@@ -150,7 +150,7 @@ enum Values {
 
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Scale {
+enum Spacing {
     Linear,
     Log,
 }
@@ -192,14 +192,14 @@ impl Parameter {
                 // Multiplying before dividing keeps integers exact and decimal fractions correctly rounded.
                 scale.between([from, to], |a, b| (a * (last - place) + b * place) / last)
             }
-            Values::Uniform(bounds) => Scale::Linear.drawn(bounds, draw.fraction()),
-            Values::LogUniform(bounds) => Scale::Log.drawn(bounds, draw.fraction()),
+            Values::Uniform(bounds) => Spacing::Linear.drawn(bounds, draw.fraction()),
+            Values::LogUniform(bounds) => Spacing::Log.drawn(bounds, draw.fraction()),
             Values::Normal([mean, deviation]) => mean + deviation * draw.normal(),
         })
     }
 }
 
-impl Scale {
+impl Spacing {
     /// A weighted mean of the bounds, or of their logarithms, clamped to the bounds against rounding.
     fn between(self, [min, max]: [f64; 2], mean: impl Fn(f64, f64) -> f64) -> f64 {
         let between = match self {
@@ -230,7 +230,7 @@ struct Keys {
     to: Option<f64>,
     #[serde(default, deserialize_with = "count")]
     count: Option<u64>,
-    scale: Option<Scale>,
+    scale: Option<Spacing>,
     #[serde(default, deserialize_with = "uniform")]
     uniform: Option<[f64; 2]>,
     #[serde(default, deserialize_with = "log_uniform")]
@@ -269,7 +269,7 @@ impl Keys {
         let spaced = match (self.from, self.to, self.count) {
             (None, None, None) if self.scale.is_none() => None,
             (Some(from), Some(to), Some(count)) => {
-                let scale = self.scale.unwrap_or(Scale::Linear);
+                let scale = self.scale.unwrap_or(Spacing::Linear);
                 for (name, end) in [("from", from), ("to", to)] {
                     ensure!(
                         in_range([end; 2]),
@@ -277,7 +277,7 @@ impl Keys {
                     );
                 }
                 ensure!(
-                    scale == Scale::Linear || from > 0.0,
+                    scale == Spacing::Linear || from > 0.0,
                     "from = {from:?}, expected more than 0 for logarithms"
                 );
                 ensure!(from < to, "to = {to:?}, expected more than from = {from:?}");
@@ -309,7 +309,7 @@ fn list<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<Value>>
 fn together<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<Vec<Vec<Value>>>, D::Error> {
-    converted(deserializer, |lists: Vec<Vec<Written>>| {
+    converted(deserializer, |lists: Vec<Vec<Literal>>| {
         let lists = lists.into_iter().map(listed).collect::<Result<Vec<_>>>()?;
         let are_same = lists.windows(2).all(|pair| pair[0].len() == pair[1].len());
         ensure!(are_same && !lists.is_empty(), "together, expected lists of the same length");
@@ -318,20 +318,20 @@ fn together<'de, D: Deserializer<'de>>(
 }
 
 /// Listed values. Whole numbers are real numbers, too, unless one is too large for that.
-fn listed(written: Vec<Written>) -> Result<Vec<Value>> {
-    let whole = |value: &Written| if let Written::Integer(n) = value { Some(*n) } else { None };
+fn listed(written: Vec<Literal>) -> Result<Vec<Value>> {
+    let whole = |value: &Literal| if let Literal::Integer(n) = value { Some(*n) } else { None };
     let is_real = |number: i128| (number as f64) as i128 == number;
     let are_real = written.iter().filter_map(whole).all(is_real);
     let largest = written.iter().filter_map(whole).max().unwrap_or_default();
     let kind = if i64::try_from(largest).is_ok() { Type::Int64 } else { Type::UInt64 };
     let values = written.into_iter().map(|value| match value {
-        Written::Boolean(value) => Ok(Value::Boolean(value)),
-        Written::Integer(number) if are_real => Ok(Value::Float64(number as f64)),
-        Written::Integer(number) => Value::whole(kind, number)
+        Literal::Boolean(value) => Ok(Value::Boolean(value)),
+        Literal::Integer(number) if are_real => Ok(Value::Float64(number as f64)),
+        Literal::Integer(number) => Value::whole(kind, number)
             .with_context(|| format!("the value {number}, expected {}", expected(kind))),
-        Written::Real(number) => Ok(Value::Float64(number)),
-        Written::Text(text) => Ok(Value::String(text)),
-        Written::Array(_) => bail!("expected a number, true, false or a quoted string"),
+        Literal::Real(number) => Ok(Value::Float64(number)),
+        Literal::Text(text) => Ok(Value::String(text)),
+        Literal::Array(_) => bail!("expected a number, true, false or a quoted string"),
     });
     let values = values.collect::<Result<Vec<_>>>()?;
     let first = values.first();

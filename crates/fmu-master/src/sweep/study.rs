@@ -15,19 +15,19 @@ use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
 use super::journal::Journal;
-use super::metrics::{Metrics, Options, Sample, Summary};
+use super::metrics::{Criteria, LoopSample, Metrics, MetricsAccumulator};
 use super::parameters::{Parameter, Parameters};
 use super::pool::{Pool, TaskOutcome, Workers};
 use crate::table::{self, Cell, Column};
 use crate::{
-    Description, Messages, Order, Place, Plan, Row, RunError, Sandbox, Simulation, Start, Written,
-    locate, ssp,
+    Description, Literal, Messages, Order, Place, Plan, Row, RunError, Sandbox, Simulation,
+    StartValue, locate, ssp,
 };
 
 /// The contents of a sweep file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct SweepFile {
     /// The system file, relative to the folder of the sweep file.
     system: PathBuf,
     /// Times and order that override the system's.
@@ -37,16 +37,16 @@ struct File {
     order: Option<Order>,
     /// Start values of all runs, which override the system's.
     #[serde(default)]
-    set: BTreeMap<String, Written>,
+    set: BTreeMap<String, Literal>,
     #[serde(default)]
     seed: u64,
     #[serde(default = "one")]
     draws: u64,
     #[serde(default)]
     parameter: Vec<Parameter>,
-    signals: Signals,
+    signals: LoopSignals,
     #[serde(default)]
-    metrics: Options,
+    metrics: Criteria,
 }
 
 fn one() -> u64 {
@@ -56,7 +56,7 @@ fn one() -> u64 {
 /// The variables from which the metrics are computed.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Signals {
+struct LoopSignals {
     reference: String,
     output: String,
     error: String,
@@ -72,15 +72,15 @@ pub struct Study {
     files: Vec<(PathBuf, PathBuf)>,
     input: Option<PathBuf>,
     /// Unpacked packages, from which a worker elsewhere gets the FMUs.
-    _package: Option<Arc<ssp::Source>>,
+    _package: Option<Arc<ssp::SystemOrigin>>,
     parameters: Parameters,
     /// The index of the run, its parameters and metrics, and why it failed.
     columns: Vec<Column>,
     fingerprint: String,
-    set: Vec<Start>,
+    set: Vec<StartValue>,
     /// The places of reference, output, error and control in a row of the system.
     signals: [Place; 4],
-    metrics: Options,
+    metrics: Criteria,
 }
 
 /// The information that the coordinator of a distributed sweep needs.
@@ -99,7 +99,7 @@ pub struct Outline<'a> {
 
 /// Progress of [`Study::write`].
 #[derive(Debug, Clone, Default)]
-pub struct Progress {
+pub struct SweepProgress {
     /// Total number of runs.
     pub runs: u64,
     /// Number of runs that were already in the journal.
@@ -119,7 +119,7 @@ pub struct Progress {
     pub first_diverged: Option<String>,
 }
 
-impl Progress {
+impl SweepProgress {
     /// Compares a row of the table, whose cells are read when they are asked for, with the best so far.
     fn see(&mut self, columns: &[Column], cell: &dyn Fn(usize) -> Cell) {
         let value = |name| cell(columns.iter().position(|column| column.name == name)?);
@@ -164,11 +164,11 @@ enum Task {
 }
 
 /// The answer of a worker: the outcome of a run unless it was only tried, or why it cannot be started.
-type Reply = Result<Option<Done>, String>;
+type Reply = Result<Option<FinishedRun>, String>;
 
 /// The line of a run, and why it failed with the words of the FMU.
 #[derive(Serialize, Deserialize)]
-struct Done {
+struct FinishedRun {
     line: String,
     failure: Option<String>,
 }
@@ -188,7 +188,7 @@ impl Study {
     ) -> Result<Self> {
         let text = fs::read_to_string(sweep)
             .with_context(|| format!("cannot read {}", sweep.display()))?;
-        let file: File = toml::from_str(&text).map_err(|error| {
+        let file: SweepFile = toml::from_str(&text).map_err(|error| {
             let is_system = error.message().contains("unknown field `component`");
             let hint = if is_system { "it is a system, expected `cargo fmu simulate`" } else { "" };
             anyhow!("{}: {error}{hint}", sweep.display())
@@ -200,7 +200,7 @@ impl Study {
     fn load(
         sweep: &Path,
         text: &str,
-        file: File,
+        file: SweepFile,
         system: Option<&Path>,
         fmus: Option<&Path>,
         input: Option<&Path>,
@@ -240,7 +240,7 @@ impl Study {
         let set = file.set.iter().map(|(name, value)| plan.start(name, value));
         let columns = [Column::new("index", "", Type::Int64)].into_iter();
         let columns = columns.chain(parameters.columns());
-        let columns = columns.chain(Summary::columns());
+        let columns = columns.chain(Metrics::columns());
         let failure = Column::new("failure", "", Type::String).optional();
         let study = Self {
             signals: places,
@@ -319,7 +319,7 @@ impl Study {
     }
 
     /// The start values of a run.
-    fn starts(&self, index: u64) -> Result<Vec<Start>> {
+    fn starts(&self, index: u64) -> Result<Vec<StartValue>> {
         let mut starts = self.set.clone();
         for (name, value) in self.parameters.run(index)? {
             starts.push(self.plan.start(name, &written(&value))?);
@@ -335,7 +335,7 @@ impl Study {
     }
 
     /// Simulates a run. One that an FMU ends early counts as diverged.
-    fn simulate(&self, index: u64, record: &Record) -> Result<Done> {
+    fn simulate(&self, index: u64, record: &Record) -> Result<FinishedRun> {
         let simulation = match self.initialize(index, record) {
             Ok(simulation) => simulation,
             // It may refuse some of the values.
@@ -343,7 +343,7 @@ impl Study {
                 return self.unmeasured(index, &error.downcast()?);
             }
         };
-        let mut metrics = Metrics::new(&self.metrics);
+        let mut metrics = MetricsAccumulator::new(&self.metrics);
         let (places, gathered) = (&self.signals, &mut metrics);
         let are_first = *places == [0, 1, 2, 3].map(Place::Real);
         let ended = simulation.run(move |row| {
@@ -351,7 +351,7 @@ impl Study {
                 Some(first) if are_first => *first,
                 _ => numbers(row, places),
             };
-            gathered.push(Sample { time: row.time, r, y, e, u })
+            gathered.push(LoopSample { time: row.time, r, y, e, u })
         });
         // A run that an FMU has ended cannot be compared with others either.
         let failure = match ended {
@@ -362,29 +362,29 @@ impl Study {
             metrics.diverge(failure.time.unwrap_or(self.plan.experiment.start));
         }
         let event = failure.as_ref().map(RunError::event);
-        Ok(Done {
+        Ok(FinishedRun {
             line: self.line(index, metrics.finish(), event)?,
             failure: failure.map(|failure| failure.to_string()),
         })
     }
 
     /// The row of a run without metrics, because an FMU has refused it or ended its process.
-    fn unmeasured(&self, index: u64, error: &RunError) -> Result<Done> {
-        let summary = Summary {
+    fn unmeasured(&self, index: u64, error: &RunError) -> Result<FinishedRun> {
+        let summary = Metrics {
             iae: f64::NAN,
             ise: f64::NAN,
             itae: f64::NAN,
             largest_u: f64::NAN,
             diverged: true,
             diverged_at: Some(error.time.unwrap_or(self.plan.experiment.start)),
-            ..Summary::default()
+            ..Metrics::default()
         };
         let line = self.line(index, summary, Some(error.event()))?;
-        Ok(Done { line, failure: Some(error.to_string()) })
+        Ok(FinishedRun { line, failure: Some(error.to_string()) })
     }
 
     /// The row of a run as a line of CSV.
-    fn line(&self, index: u64, summary: Summary, failure: Option<String>) -> Result<String> {
+    fn line(&self, index: u64, summary: Metrics, failure: Option<String>) -> Result<String> {
         let values = self.parameters.run(index)?.into_iter();
         let failure = failure.map(|text| Value::String(text.replace(char::is_control, " ")));
         let cells = [Some(Value::UInt64(index))].into_iter();
@@ -448,17 +448,17 @@ impl Study {
         &self,
         file: &Path,
         workers: &Workers<'_>,
-        mut report: impl FnMut(&Progress),
-    ) -> Result<(bool, Progress)> {
+        mut report: impl FnMut(&SweepProgress),
+    ) -> Result<(bool, SweepProgress)> {
         let pool = &mut self.pool(workers);
         self.try_corners(pool)?;
         let mut journal = self.journal(file)?;
         let missing = journal.missing();
         let runs = self.parameters.runs;
-        let mut progress = Progress {
+        let mut progress = SweepProgress {
             runs,
             before: runs - missing.iter().map(|(first, end)| end - first).sum::<u64>(),
-            ..Progress::default()
+            ..SweepProgress::default()
         };
         report(&progress);
         let pending = missing.into_iter().flat_map(|(first, end)| first..end);
@@ -501,7 +501,7 @@ impl Study {
         workers: &Workers<'_>,
         begin: impl FnOnce(&Outline<'_>, &[(u64, u64)]) -> Result<()>,
         mut lines: impl BufRead,
-    ) -> Result<Option<Progress>> {
+    ) -> Result<Option<SweepProgress>> {
         self.try_corners(&mut self.pool(workers))?;
         let runs = self.parameters.runs;
         let (system, input, files) = (&self.files[0].0, self.input.as_deref(), &*self.files);
@@ -514,7 +514,7 @@ impl Study {
             journal.append(&line)?;
             line.clear();
         }
-        let mut progress = Progress { runs, ..Progress::default() };
+        let mut progress = SweepProgress { runs, ..SweepProgress::default() };
         match journal.missing()[..] {
             [] => journal.finish(|cell| progress.see(&self.columns, cell))?,
             [(0, end)] if end == runs => return journal.remove().map(|()| None),
@@ -532,12 +532,12 @@ fn numbers(row: &Row, places: &[Place; 4]) -> [f64; 4] {
 }
 
 /// A value of a run as the user would write it.
-fn written(value: &Value) -> Written {
+fn written(value: &Value) -> Literal {
     match value {
         // Integer parameters accept it too.
-        Value::Float64(n) if n.fract() == 0.0 && n.abs() < 1e30 => Written::Integer(*n as i128),
-        Value::Float64(n) => Written::Real(*n),
-        value => Written::Text(value.to_string()),
+        Value::Float64(n) if n.fract() == 0.0 && n.abs() < 1e30 => Literal::Integer(*n as i128),
+        Value::Float64(n) => Literal::Real(*n),
+        value => Literal::Text(value.to_string()),
     }
 }
 
@@ -581,7 +581,7 @@ mod tests {
             Column::new("iae", "1", Type::Float64),
             Column::new("diverged", "", Type::Boolean),
         ];
-        let mut progress = Progress::default();
+        let mut progress = SweepProgress::default();
         let runs = [
             (1.0, 3.0, false),
             (2.0, 0.5, true),

@@ -9,54 +9,54 @@ use fmu_description::{Causality, Type, Value};
 use fmu_host::{Cause, Instance, InterfaceType, Listed, Status, Success, Unusual};
 use fmu_worker::Function;
 
-use crate::exchange::{self, Calling, Exchange, Trouble};
-use crate::input::Signals;
-use crate::plan::Planned;
-use crate::wiring::{Feed, Ports, Store, Wired, accessor, number};
+use crate::input::TableInputs;
+use crate::integrator::{self, Integrator, RecordedInstance, StepError};
+use crate::plan::LoadedComponent;
+use crate::wiring::{AccessList, FeedingOutputs, Store, VariableGroup, accessor, number};
 use crate::{FailedCall, Fmu, Messages, RunError};
 
 /// The outcome of a call.
 pub(crate) type Called<T = ()> = Result<T, Box<RunError>>;
 
 /// A component and what is transferred from and to it.
-pub(crate) struct Component<'a> {
+pub(crate) struct ComponentInstance<'a> {
     /// Must be dropped before the FMU, which removes its files.
-    pub(crate) calling: Calling,
+    pub(crate) recorded: RecordedInstance,
     pub(crate) fmu: Arc<Fmu>,
     /// Present once a component of model exchange is initialized.
-    pub(crate) exchange: Option<Box<Exchange<'a>>>,
+    pub(crate) integrator: Option<Box<Integrator<'a>>>,
     do_step: Option<Function>,
     /// What sets its Float64 inputs, and what gets its Float64 outputs unless their values must be distributed.
     set: Option<Function>,
     get: Option<Function>,
     /// The outputs whose values must be distributed.
-    distributed: &'a [Ports],
+    distributed: &'a [VariableGroup],
     /// The Float64 inputs whose values are collected in `reals`, with the outputs that feed them.
     copied: &'a [(usize, usize)],
-    ports: &'a [Ports],
+    ports: &'a [VariableGroup],
     /// The values of its inputs of the type Float64, and of each other type; those of elements that are not
     /// connected stay.
     reals: Vec<f64>,
     others: Vec<Vec<Value>>,
 }
 
-impl<'a> Component<'a> {
+impl<'a> ComponentInstance<'a> {
     /// Instantiates a component; `starts` are the start values that the user has given, by the indices of
     /// the scalars.
     pub(crate) fn new(
         index: usize,
-        planned: &Planned,
-        ports: &'a [Ports],
+        planned: &LoadedComponent,
+        ports: &'a [VariableGroup],
         starts: &BTreeMap<usize, &Value>,
         messages: &Messages,
     ) -> Result<Self> {
-        let Planned { name, fmu, .. } = planned;
+        let LoadedComponent { name, fmu, .. } = planned;
         let mut inputs = ports.iter().map(|ports| initial(&ports.inputs, fmu, starts));
         let reals = inputs.next().unwrap_or_default();
         let mut instance = fmu.instantiate(index, name, messages)?;
         // An FMU that is stepped by hand has none.
         let floats = ports.first();
-        if let Some(Ports { inputs, run, whole, .. }) = floats {
+        if let Some(VariableGroup { inputs, run, whole, .. }) = floats {
             let set_at_steps = run.clone().unwrap_or_else(|| inputs.listed(0));
             let get_at_steps = whole.clone().unwrap_or_else(|| Listed::new(&[], 0..0));
             instance.access_at_steps(set_at_steps, get_at_steps);
@@ -67,15 +67,15 @@ impl<'a> Component<'a> {
             get: floats.and_then(|p| p.get.filter(|_| has_whole)),
             distributed: &ports[usize::from(has_whole)..],
             copied: floats.filter(|p| p.run.is_none()).map_or(&[], |p| &*p.copied),
-            calling: Calling {
+            recorded: RecordedInstance {
                 instance,
                 calls: messages.record().calls(index),
-                functions: exchange::functions(fmu.version),
+                functions: integrator::functions(fmu.version),
                 messages: messages.clone(),
                 name: name.clone(),
                 version: fmu.version,
             },
-            exchange: None,
+            integrator: None,
             do_step: Function::performing(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
@@ -91,8 +91,8 @@ impl<'a> Component<'a> {
         what: impl Display,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Called {
-        self.calling.calls.begin(Function::performing(self.fmu.version, operation));
-        let outcome = call(&mut self.calling.instance);
+        self.recorded.calls.begin(Function::performing(self.fmu.version, operation));
+        let outcome = call(&mut self.recorded.instance);
         self.check(outcome, || what.to_string())
     }
 
@@ -148,7 +148,7 @@ impl<'a> Component<'a> {
         let failure = match outcome {
             Ok(Success::Ok) => return Ok(()),
             Ok(Success::Warning(function)) => {
-                self.calling.messages.warn(&self.calling.name, function);
+                self.recorded.messages.warn(&self.recorded.name, function);
                 return Ok(());
             }
             Err(failure) => failure,
@@ -166,29 +166,28 @@ impl<'a> Component<'a> {
 
     /// The error of a call of this function; empty if the master cannot integrate the equations.
     fn error(&self, function: &str, purpose: String, outcome: String) -> RunError {
-        let (component, fmu) = (self.calling.name.clone(), self.fmu.file_name());
+        let (component, fmu) = (self.recorded.name.clone(), self.fmu.file_name());
         let call = FailedCall { component, fmu, function: function.to_owned(), purpose };
-        RunError::in_call(call, outcome, self.calling.messages.reason(function))
+        RunError::in_call(call, outcome, self.recorded.messages.reason(function))
     }
 
     /// Takes a step. Whether the system is `PLAIN`, with neither model exchange nor faults, is known at compile
     /// time, so that a plain system does not ask at each step.
     #[inline(always)]
     pub(crate) fn step<const PLAIN: bool>(&mut self, time: f64, step: f64) -> Called {
-        if !PLAIN && let Some(exchange) = &mut self.exchange {
-            let stepped = exchange.step(&mut self.calling, time, step);
+        if !PLAIN && let Some(integrator) = &mut self.integrator {
+            let stepped = integrator.step(&mut self.recorded, time, step);
             if stepped.is_ok() {
-                self.calling.calls.begin(None);
+                self.recorded.calls.begin(None);
             }
-            return stepped
-                .map_err(|trouble| self.to_error(trouble, format!("step of {step:?} s")));
+            return stepped.map_err(|error| self.to_error(error, format!("step of {step:?} s")));
         }
         // The communication point tells calls of a plain system apart.
         match PLAIN {
-            true => self.calling.calls.continue_call(self.do_step),
-            false => self.calling.calls.begin(self.do_step),
+            true => self.recorded.calls.continue_call(self.do_step),
+            false => self.recorded.calls.begin(self.do_step),
         }
-        match self.calling.instance.do_step_quickly(time, step) {
+        match self.recorded.instance.do_step_quickly(time, step) {
             None => Ok(()),
             Some(outcome) => self.check_step(*outcome, time, step),
         }
@@ -209,7 +208,7 @@ impl<'a> Component<'a> {
         self.cycle_from::<true>(outputs, time, step)
     }
 
-    /// [`Component::cycle`] with inputs that are `COPIED`, or follow each other among the outputs that feed them.
+    /// [`ComponentInstance::cycle`] with inputs that are `COPIED`, or follow each other among the outputs that feed them.
     #[inline(always)]
     fn cycle_from<const COPIED: bool>(
         &mut self,
@@ -217,7 +216,7 @@ impl<'a> Component<'a> {
         time: f64,
         step: f64,
     ) -> Called {
-        let Calling { instance, calls, .. } = &mut self.calling;
+        let RecordedInstance { instance, calls, .. } = &mut self.recorded;
         let functions = [self.set, self.do_step, self.get];
         let begin = |call: usize| calls.continue_call(functions[call]);
         let inputs = COPIED.then_some(&*self.reals);
@@ -259,27 +258,27 @@ impl<'a> Component<'a> {
     /// Begins the integration after the initialization, if it is a component of model exchange.
     pub(crate) fn begin(
         &mut self,
-        signals: Option<Signals<'a>>,
+        signals: Option<TableInputs<'a>>,
         tolerance: Option<f64>,
         times: (f64, f64),
     ) -> Called {
         if self.fmu.interface_type == InterfaceType::ModelExchange {
             let (fmu, ports) = (self.fmu.clone(), self.ports);
-            let begun = Exchange::begin(&mut self.calling, &fmu, ports, signals, tolerance, times);
             let begun =
-                begun.map_err(|trouble| self.to_error(trouble, "first event".to_owned()))?;
-            self.exchange = Some(Box::new(begun));
+                Integrator::begin(&mut self.recorded, &fmu, ports, signals, tolerance, times);
+            let begun = begun.map_err(|error| self.to_error(error, "first event".to_owned()))?;
+            self.integrator = Some(Box::new(begun));
         }
         Ok(())
     }
 
     /// The failure of an integration.
     #[cold]
-    pub(crate) fn to_error(&mut self, trouble: Trouble, what: String) -> Box<RunError> {
-        let (failure, what) = match trouble {
-            Trouble::Call(failure, place) if place.is_empty() => (failure, what),
-            Trouble::Call(failure, place) => (failure, format!("{place}, {what}")),
-            Trouble::Equations { reason, .. } => {
+    pub(crate) fn to_error(&mut self, error: StepError, what: String) -> Box<RunError> {
+        let (failure, what) = match error {
+            StepError::Call(failure, place) if place.is_empty() => (failure, what),
+            StepError::Call(failure, place) => (failure, format!("{place}, {what}")),
+            StepError::Equations { reason, .. } => {
                 return Box::new(self.error("", what, reason));
             }
         };
@@ -294,10 +293,10 @@ impl<'a> Component<'a> {
             matches!(&outcome, Err(f) if f.cause == Cause::Returned(Status::Discard));
         let checked = self.check(outcome, || format!("step of {step:?} s"));
         checked.map_err(|mut failure| {
-            self.calling.calls.begin(Function::named("fmi2GetBooleanStatus"));
-            if is_discarded && self.calling.instance.is_terminated() == Ok(true) {
-                self.calling.calls.begin(Function::named("fmi2GetRealStatus"));
-                failure.ended = Some(self.calling.instance.last_successful_time().unwrap_or(time));
+            self.recorded.calls.begin(Function::named("fmi2GetBooleanStatus"));
+            if is_discarded && self.recorded.instance.is_terminated() == Ok(true) {
+                self.recorded.calls.begin(Function::named("fmi2GetRealStatus"));
+                failure.ended = Some(self.recorded.instance.last_successful_time().unwrap_or(time));
                 failure.outcome = Cause::Terminated(time).to_string();
             }
             failure
@@ -307,8 +306,8 @@ impl<'a> Component<'a> {
     /// Reads its outputs, each once; if the system is `PLAIN`, all are Float64 and need not be distributed.
     #[inline(always)]
     pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> Called {
-        self.calling.calls.continue_call(self.get);
-        if let Some(outcome) = self.calling.instance.get_at_step(&mut outputs.reals) {
+        self.recorded.calls.continue_call(self.get);
+        if let Some(outcome) = self.recorded.instance.get_at_step(&mut outputs.reals) {
             self.check_reading(*outcome, &self.ports[0].outputs)?;
         }
         if PLAIN { Ok(()) } else { self.read_others(outputs) }
@@ -330,14 +329,14 @@ impl<'a> Component<'a> {
         &mut self,
         kind: Type,
         get: Option<Function>,
-        scalars: &Wired,
+        scalars: &AccessList,
     ) -> Called<Vec<Value>> {
         if scalars.references.is_empty() {
             return Ok(Vec::new());
         }
         let mut all = vec![Value::Boolean(false); scalars.elements];
-        self.calling.calls.begin(get);
-        let outcome = (self.calling.instance).get_values(kind, &scalars.references, &mut all);
+        self.recorded.calls.begin(get);
+        let outcome = (self.recorded.instance).get_values(kind, &scalars.references, &mut all);
         if outcome != Ok(Success::Ok) {
             self.check_reading(outcome, scalars)?;
         }
@@ -349,7 +348,7 @@ impl<'a> Component<'a> {
     }
 
     #[cold]
-    fn check_reading(&mut self, outcome: fmu_host::Result, scalars: &Wired) -> Called {
+    fn check_reading(&mut self, outcome: fmu_host::Result, scalars: &AccessList) -> Called {
         let names = scalars.scalars.iter().map(|scalar| self.fmu.name(*scalar));
         let what = Vec::from_iter(names).join(", ");
         self.check(outcome, || what)
@@ -367,8 +366,8 @@ impl<'a> Component<'a> {
             values = &self.reals;
         }
         if self.set.is_some() {
-            self.calling.calls.continue_call(self.set);
-            if let Some(outcome) = self.calling.instance.set_at_step(values) {
+            self.recorded.calls.continue_call(self.set);
+            if let Some(outcome) = self.recorded.instance.set_at_step(values) {
                 self.check_writing_reals(*outcome, outputs)?;
             }
         }
@@ -377,7 +376,7 @@ impl<'a> Component<'a> {
 
     /// Writes its inputs during the initialization, in which it is called again and again.
     pub(crate) fn write_initially(&mut self, outputs: &Store) -> Called {
-        self.calling.calls.begin(None);
+        self.recorded.calls.begin(None);
         self.write::<false>(outputs)
     }
 
@@ -392,11 +391,11 @@ impl<'a> Component<'a> {
     /// Collects the values of its Float64 inputs.
     #[inline(never)]
     fn collect(&mut self, outputs: &Store) {
-        let Ports { inputs, sources, .. } = &self.ports[0];
+        let VariableGroup { inputs, sources, .. } = &self.ports[0];
         for (position, source) in inputs.positions.iter().zip(sources) {
             let output = outputs.number(source.output);
-            let scale = source.scale.map(|s| s.factor * output + s.offset);
-            self.reals[*position] = scale.unwrap_or(output);
+            let conversion = source.conversion.map(|s| s.factor * output + s.offset);
+            self.reals[*position] = conversion.unwrap_or(output);
         }
     }
 
@@ -410,7 +409,7 @@ impl<'a> Component<'a> {
             let mut values = std::mem::take(&mut self.others[index]);
             for (position, source) in inputs.positions.iter().zip(&ports.sources) {
                 let scaled = source
-                    .scale
+                    .conversion
                     .map(|s| Value::Float64(s.factor * outputs.number(source.output) + s.offset));
                 values[*position] = scaled.unwrap_or_else(|| outputs.value(source.output));
             }
@@ -425,11 +424,11 @@ impl<'a> Component<'a> {
         &mut self,
         kind: Type,
         set: Option<Function>,
-        scalars: &Wired,
+        scalars: &AccessList,
         values: &[Value],
     ) -> Called {
-        self.calling.calls.begin(set);
-        let outcome = self.calling.instance.set_values(kind, &scalars.references, values);
+        self.recorded.calls.begin(set);
+        let outcome = self.recorded.instance.set_values(kind, &scalars.references, values);
         match outcome {
             Ok(Success::Ok) => Ok(()),
             _ => self.check_writing(outcome, scalars, values),
@@ -450,7 +449,7 @@ impl<'a> Component<'a> {
     fn check_writing(
         &mut self,
         outcome: fmu_host::Result,
-        inputs: &Wired,
+        inputs: &AccessList,
         values: &[Value],
     ) -> Called {
         let pairs = inputs.scalars.iter().zip(&inputs.positions);
@@ -475,7 +474,7 @@ impl<'a> Component<'a> {
         let fmu = self.fmu.clone();
         let given = Vec::from_iter(starts.keys().copied().filter(is_wanted));
         for same in given.chunk_by(|a, b| fmu.array(*a) == fmu.array(*b)) {
-            let (kind, wired) = (fmu.access(same[0]), Wired::of(&fmu, same.iter().copied()));
+            let (kind, wired) = (fmu.access(same[0]), AccessList::of(&fmu, same.iter().copied()));
             let values = initial(&wired, &fmu, starts);
             let set = match self.ports.iter().find(|ports| ports.kind == kind) {
                 Some(ports) => ports.set,
@@ -487,16 +486,20 @@ impl<'a> Component<'a> {
     }
 }
 
-impl Drop for Component<'_> {
-    /// Records that the FMU is about to be called; the field `calling` frees it.
+impl Drop for ComponentInstance<'_> {
+    /// Records that the FMU is about to be called; the field `recorded` frees it.
     fn drop(&mut self) {
-        self.calling.calls.begin(Function::performing(self.fmu.version, "free_instance"));
+        self.recorded.calls.begin(Function::performing(self.fmu.version, "free_instance"));
     }
 }
 
 /// The values of inputs before any is connected: of arrays, the start values, since an array is set as a
 /// whole.
-pub(crate) fn initial(inputs: &Wired, fmu: &Fmu, starts: &BTreeMap<usize, &Value>) -> Vec<Value> {
+pub(crate) fn initial(
+    inputs: &AccessList,
+    fmu: &Fmu,
+    starts: &BTreeMap<usize, &Value>,
+) -> Vec<Value> {
     let mut values = vec![Value::Boolean(false); inputs.elements];
     let mut known = HashSet::new();
     for (scalar, position) in inputs.scalars.iter().zip(&inputs.positions) {
@@ -515,8 +518,8 @@ pub(crate) fn initial(inputs: &Wired, fmu: &Fmu, starts: &BTreeMap<usize, &Value
 /// Reads the outputs that feed a component, and only these, as not every recorded variable can be read
 /// during the initialization.
 pub(crate) fn receive(
-    components: &mut [Component<'_>],
-    feeds: &[Feed],
+    components: &mut [ComponentInstance<'_>],
+    feeds: &[FeedingOutputs],
     outputs: &mut Store,
 ) -> Called<Vec<Value>> {
     let mut all = Vec::new();

@@ -13,8 +13,8 @@ use fmu_description::{FmiVersion, Variability};
 use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
 
-use crate::input::Signals;
-use crate::wiring::{Ports, accessor};
+use crate::input::TableInputs;
+use crate::wiring::{VariableGroup, accessor};
 use crate::{Fmu, Messages};
 
 /// Maximum number of times that discrete states are updated in one event.
@@ -24,7 +24,7 @@ const TOLERANCE: f64 = 1e-6;
 
 /// A component of model exchange between two steps.
 #[derive(Clone)]
-pub(crate) struct Exchange<'a> {
+pub(crate) struct Integrator<'a> {
     workspace: Workspace,
     tolerance: f64,
     /// The longest internal step of a component with event indicators (s).
@@ -32,7 +32,7 @@ pub(crate) struct Exchange<'a> {
     nominals: Vec<f64>,
     derivatives: Vec<f64>,
     indicators: Vec<f64>,
-    signals: Option<Signals<'a>>,
+    signals: Option<TableInputs<'a>>,
     /// Whether an input comes from another component, and whether one is not continuous.
     is_fed: bool,
     is_discrete: bool,
@@ -47,7 +47,7 @@ pub(crate) struct Exchange<'a> {
 }
 
 /// The instance of a component, whose calls are recorded.
-pub(crate) struct Calling {
+pub(crate) struct RecordedInstance {
     pub(crate) instance: Instance,
     pub(crate) calls: Calls,
     pub(crate) functions: &'static Functions,
@@ -99,14 +99,14 @@ pub(crate) fn functions(version: FmiVersion) -> &'static Functions {
 
 /// Why an integration has stopped.
 #[derive(Debug)]
-pub(crate) enum Trouble {
+pub(crate) enum StepError {
     /// A call has failed; the text tells where.
     Call(fmu_host::Failure, String),
     /// The equations cannot be integrated, though shorter steps may succeed if they are discarded.
     Equations { reason: String, is_discarded: bool },
 }
 
-impl solver::Failure for Trouble {
+impl solver::Failure for StepError {
     fn discard(reason: Arguments<'_>) -> Self {
         Self::Equations { reason: reason.to_string(), is_discarded: true }
     }
@@ -128,9 +128,9 @@ impl solver::Failure for Trouble {
     }
 }
 
-type Result<T = ()> = std::result::Result<T, Trouble>;
+type Result<T = ()> = std::result::Result<T, StepError>;
 
-impl Calling {
+impl RecordedInstance {
     /// Calls the function that performs an operation.
     fn call<T>(
         &mut self,
@@ -138,10 +138,10 @@ impl Calling {
         call: impl FnOnce(&mut Instance) -> fmu_host::Result<T>,
     ) -> Result<T> {
         self.calls.begin(self.functions[operation as usize]);
-        call(&mut self.instance).map_err(|failure| Trouble::Call(failure, String::new()))
+        call(&mut self.instance).map_err(|failure| StepError::Call(failure, String::new()))
     }
 
-    /// As [`Calling::call`], of a function that may return a warning.
+    /// As [`RecordedInstance::call`], of a function that may return a warning.
     fn warned(
         &mut self,
         operation: Operation,
@@ -159,31 +159,31 @@ impl Calling {
     }
 
     /// Sets inputs of a table, before or after an event.
-    fn feed(&mut self, signals: &Signals<'_>, time: f64, after: bool) -> Result {
+    fn feed(&mut self, signals: &TableInputs<'_>, time: f64, after: bool) -> Result {
         for (kind, reference, values) in signals.values(time, after) {
             self.calls.begin(accessor("set", self.version, kind));
             let set = self.instance.set_values(kind, &[reference], &values);
-            self.warn(set.map_err(|failure| Trouble::Call(failure, String::new()))?);
+            self.warn(set.map_err(|failure| StepError::Call(failure, String::new()))?);
         }
         Ok(())
     }
 
     /// The FMU has asked to end the simulation.
-    fn terminated(&self, operation: Operation, time: f64) -> Trouble {
+    fn terminated(&self, operation: Operation, time: f64) -> StepError {
         let function = self.functions[operation as usize].and_then(Function::name);
         let function = function.unwrap_or_default();
         let cause = Cause::Terminated(time);
-        Trouble::Call(fmu_host::Failure { function, cause }, String::new())
+        StepError::Call(fmu_host::Failure { function, cause }, String::new())
     }
 }
 
-impl<'a> Exchange<'a> {
+impl<'a> Integrator<'a> {
     /// Begins after the initialization, in event mode.
     pub(crate) fn begin(
-        calling: &mut Calling,
+        recorded: &mut RecordedInstance,
         fmu: &Fmu,
-        ports: &[Ports],
-        signals: Option<Signals<'a>>,
+        ports: &[VariableGroup],
+        signals: Option<TableInputs<'a>>,
         tolerance: Option<f64>,
         (start, step): (f64, f64),
     ) -> Result<Self> {
@@ -191,10 +191,10 @@ impl<'a> Exchange<'a> {
             FmiVersion::Fmi2 => fmu.equations,
             FmiVersion::Fmi3 => {
                 let [mut states, mut indicators] = [0; 2];
-                calling.warned(Operation::NumberOfStates, |instance| {
+                recorded.warned(Operation::NumberOfStates, |instance| {
                     instance.get_number_of_continuous_states(&mut states)
                 })?;
-                calling.warned(Operation::NumberOfIndicators, |instance| {
+                recorded.warned(Operation::NumberOfIndicators, |instance| {
                     instance.get_number_of_event_indicators(&mut indicators)
                 })?;
                 [states, indicators]
@@ -203,7 +203,7 @@ impl<'a> Exchange<'a> {
         let inputs = || ports.iter().flat_map(|ports| ports.inputs.scalars.iter());
         let is_discrete =
             |scalar: &usize| fmu.variable(*scalar).variability != Variability::Continuous;
-        let mut exchange = Self {
+        let mut integrator = Self {
             workspace: Workspace::new(states, indicators),
             tolerance: tolerance.unwrap_or(TOLERANCE),
             longest: fmu.step.unwrap_or(step).min(step),
@@ -219,19 +219,19 @@ impl<'a> Exchange<'a> {
             left: f64::INFINITY,
             restarts: false,
         };
-        exchange.update(calling, start)?;
-        exchange.read_nominals(calling)?;
-        exchange.signals.iter_mut().for_each(|signals| signals.begin(start));
-        Equations { calling, exchange: &mut exchange }.evaluate_here(start)?;
-        if exchange.is_discrete {
-            exchange.enter_event_mode(calling)?;
+        integrator.update(recorded, start)?;
+        integrator.read_nominals(recorded)?;
+        integrator.signals.iter_mut().for_each(|signals| signals.begin(start));
+        Equations { recorded, integrator: &mut integrator }.evaluate_here(start)?;
+        if integrator.is_discrete {
+            integrator.enter_event_mode(recorded)?;
         }
-        Ok(exchange)
+        Ok(integrator)
     }
 
-    fn enter_event_mode(&mut self, calling: &mut Calling) -> Result {
+    fn enter_event_mode(&mut self, recorded: &mut RecordedInstance) -> Result {
         if !self.is_in_event_mode {
-            calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+            recorded.warned(Operation::EventMode, Instance::enter_event_mode)?;
             self.is_in_event_mode = true;
         }
         Ok(())
@@ -240,33 +240,33 @@ impl<'a> Exchange<'a> {
     /// Sets something in event mode, which may change discrete states.
     pub(crate) fn at_event(
         &mut self,
-        calling: &mut Calling,
+        recorded: &mut RecordedInstance,
         time: f64,
         set: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Result {
-        self.enter_event_mode(calling)?;
-        calling.warned(Operation::Update, set)?;
-        self.update(calling, time)?;
-        Equations { calling, exchange: self }.evaluate_here(time)
+        self.enter_event_mode(recorded)?;
+        recorded.warned(Operation::Update, set)?;
+        self.update(recorded, time)?;
+        Equations { recorded, integrator: self }.evaluate_here(time)
     }
 
     /// Handles an event in event mode.
-    fn update(&mut self, calling: &mut Calling, time: f64) -> Result {
+    fn update(&mut self, recorded: &mut RecordedInstance, time: f64) -> Result {
         let mut nominals_changed = false;
         for _ in 0..MAX_UPDATES {
             let operation = Operation::Update;
-            let update = calling.call(operation, Instance::update_discrete_states)?;
+            let update = recorded.call(operation, Instance::update_discrete_states)?;
             if update.terminate {
-                return Err(calling.terminated(operation, time));
+                return Err(recorded.terminated(operation, time));
             }
             nominals_changed |= update.nominals_changed;
             if !update.again {
                 let operation = Operation::ContinuousMode;
-                calling.warned(operation, Instance::enter_continuous_time_mode)?;
+                recorded.warned(operation, Instance::enter_continuous_time_mode)?;
                 self.is_in_event_mode = false;
                 self.next = update.next_event;
                 self.handled = time;
-                return if nominals_changed { self.read_nominals(calling) } else { Ok(()) };
+                return if nominals_changed { self.read_nominals(recorded) } else { Ok(()) };
             }
         }
         Err(solver::Failure::discard(format_args!(
@@ -274,10 +274,10 @@ impl<'a> Exchange<'a> {
         )))
     }
 
-    fn read_nominals(&mut self, calling: &mut Calling) -> Result {
+    fn read_nominals(&mut self, recorded: &mut RecordedInstance) -> Result {
         let nominals = &mut self.nominals;
         if !nominals.is_empty() {
-            calling.warned(Operation::Nominals, |instance| {
+            recorded.warned(Operation::Nominals, |instance| {
                 instance.get_nominals_of_continuous_states(nominals)
             })?;
         }
@@ -292,7 +292,7 @@ impl<'a> Exchange<'a> {
     }
 
     /// Integrates from one communication point to the next.
-    pub(crate) fn step(&mut self, calling: &mut Calling, time: f64, size: f64) -> Result {
+    pub(crate) fn step(&mut self, recorded: &mut RecordedInstance, time: f64, size: f64) -> Result {
         let rounding = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
@@ -310,12 +310,12 @@ impl<'a> Exchange<'a> {
         };
         let mut workspace = std::mem::take(&mut self.workspace);
         let advanced =
-            solver::advance(&mut Equations { calling, exchange: self }, &mut workspace, &step);
+            solver::advance(&mut Equations { recorded, integrator: self }, &mut workspace, &step);
         self.workspace = workspace;
         let Advanced { restarts, .. } = advanced?;
         self.restarts = restarts;
         if self.is_discrete {
-            self.enter_event_mode(calling)?;
+            self.enter_event_mode(recorded)?;
         }
         Ok(())
     }
@@ -323,14 +323,14 @@ impl<'a> Exchange<'a> {
 
 /// The equations of a component, as the solver sees them.
 struct Equations<'a, 'b> {
-    calling: &'a mut Calling,
-    exchange: &'a mut Exchange<'b>,
+    recorded: &'a mut RecordedInstance,
+    integrator: &'a mut Integrator<'b>,
 }
 
 impl Equations<'_, '_> {
     /// Evaluates the equations for the states that the FMU has.
     fn evaluate_here(&mut self, time: f64) -> Result {
-        let mut states = vec![0.0; self.exchange.nominals.len()];
+        let mut states = vec![0.0; self.integrator.nominals.len()];
         self.states_of(&mut states)?;
         self.evaluate(time, &states)?;
         Ok(())
@@ -339,17 +339,17 @@ impl Equations<'_, '_> {
     fn states_of(&mut self, states: &mut [f64]) -> Result {
         match states.is_empty() {
             true => Ok(()),
-            false => (self.calling)
+            false => (self.recorded)
                 .warned(Operation::States, |instance| instance.get_continuous_states(states)),
         }
     }
 }
 
 impl System for Equations<'_, '_> {
-    type Error = Trouble;
+    type Error = StepError;
 
     fn nominal(&self, state: usize) -> f64 {
-        self.exchange.nominals[state].abs()
+        self.integrator.nominals[state].abs()
     }
 
     fn states(&mut self, states: &mut [f64]) -> Result {
@@ -358,21 +358,21 @@ impl System for Equations<'_, '_> {
 
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool> {
         // The time of an event differs by rounding from that of the step in which it is.
-        let time = time.max(self.exchange.handled);
-        let Exchange { derivatives, indicators, signals, .. } = &mut *self.exchange;
-        self.calling.warned(Operation::SetTime, |instance| instance.set_time(time))?;
+        let time = time.max(self.integrator.handled);
+        let Integrator { derivatives, indicators, signals, .. } = &mut *self.integrator;
+        self.recorded.warned(Operation::SetTime, |instance| instance.set_time(time))?;
         if let Some(signals) = signals {
-            self.calling.feed(signals, time, false)?;
+            self.recorded.feed(signals, time, false)?;
         }
         if !states.is_empty() {
-            self.calling
+            self.recorded
                 .warned(Operation::SetStates, |instance| instance.set_continuous_states(states))?;
-            self.calling.warned(Operation::Derivatives, |instance| {
+            self.recorded.warned(Operation::Derivatives, |instance| {
                 instance.get_continuous_state_derivatives(derivatives)
             })?;
         }
         if !indicators.is_empty() {
-            self.calling.warned(Operation::Indicators, |instance| {
+            self.recorded.warned(Operation::Indicators, |instance| {
                 instance.get_event_indicators(indicators)
             })?;
         }
@@ -380,44 +380,45 @@ impl System for Equations<'_, '_> {
     }
 
     fn derivatives(&mut self, derivatives: &mut [f64]) {
-        derivatives.copy_from_slice(&self.exchange.derivatives);
+        derivatives.copy_from_slice(&self.integrator.derivatives);
     }
 
     fn event_indicator(&mut self, indicator: usize) -> f64 {
-        self.exchange.indicators[indicator]
+        self.integrator.indicators[indicator]
     }
 
-    fn not_finite(&mut self) -> Trouble {
+    fn not_finite(&mut self) -> StepError {
         let reason = "a derivative or an event indicator became NaN or infinite".to_owned();
-        Trouble::Equations { reason, is_discarded: false }
+        StepError::Equations { reason, is_discarded: false }
     }
 
     fn completed(&mut self, time: f64) -> Result<bool> {
         let operation = Operation::Completed;
-        let completed = self.calling.call(operation, Instance::completed_integrator_step)?;
+        let completed = self.recorded.call(operation, Instance::completed_integrator_step)?;
         if completed.terminate {
-            return Err(self.calling.terminated(operation, time));
+            return Err(self.recorded.terminated(operation, time));
         }
         Ok(completed.enter_event_mode)
     }
 
     fn event(&mut self, time: f64) -> Result {
-        if !self.exchange.is_in_event_mode && time > self.exchange.handled {
-            self.calling.warned(Operation::SetTime, |instance| instance.set_time(time))?;
+        if !self.integrator.is_in_event_mode && time > self.integrator.handled {
+            self.recorded.warned(Operation::SetTime, |instance| instance.set_time(time))?;
         }
-        self.exchange.enter_event_mode(self.calling)?;
-        if let Some(signals) = &mut self.exchange.signals {
-            self.calling.feed(signals, time, true)?;
+        self.integrator.enter_event_mode(self.recorded)?;
+        if let Some(signals) = &mut self.integrator.signals {
+            self.recorded.feed(signals, time, true)?;
             signals.begin(time);
         }
-        self.exchange.update(self.calling, time)
+        self.integrator.update(self.recorded, time)
     }
 
     fn next_event(&self, time: f64) -> Option<f64> {
-        let Exchange { next, signals, left, .. } = &*self.exchange;
-        let events = [next.filter(|next| *next > time), signals.as_ref().and_then(Signals::next)]
-            .into_iter()
-            .flatten();
+        let Integrator { next, signals, left, .. } = &*self.integrator;
+        let events =
+            [next.filter(|next| *next > time), signals.as_ref().and_then(TableInputs::next)]
+                .into_iter()
+                .flatten();
         events.reduce(f64::min).filter(|next| next < left)
     }
 }
