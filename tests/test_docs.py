@@ -2,12 +2,13 @@
 
 import re
 import runpy
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import sweeps
-from native import OUTSIDE, new_package, shell
+from native import OUTSIDE, new_package, run, shell
 from needs import LIBTBB, Tool
 from pendulum_fmus.project import ROOT
 
@@ -71,8 +72,14 @@ def test_commands_and_programs_run(
     They run in the root of the repository; a section with a new package, and the numbered sections
     after it, in a folder outside. Sweeps have fewer runs, and FMUs are validated quickly.
     """
+    excluded = "".join(f" --exclude {name}" for name in ("fmi-judge", "fuzz", "bench"))
+    build = f"cargo build --quiet --locked --workspace{excluded}"
     replacements = {
-        r"^(make|cargo install|git clone|rustup) .*$": "",
+        r"^(make|cargo install|rustup) .*$": "",
+        # With the features that it has in `make check`.
+        r"^cargo run --quiet --package [\w-]+ (--example (\w+))$": (
+            rf"{build} \1 && target/debug/examples/\2"
+        ),
         r"cargo fmu validate (?!.*(--quick|--no-run))": "cargo fmu validate --quick ",
         r"cargo fmu ": f"{program} ",
         r"examples/sweep": str(sweeps.shortened(tmp_path)),
@@ -101,7 +108,8 @@ def test_commands_and_programs_run(
 def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> None:
     """All programs in Rust that are no file of their own become modules of one new package."""
     blocks = [block for page in PAGES.values() for block in BLOCK.findall(page)]
-    models = [text for path, language, text in blocks if language == "rust" and not path]
+    programs = [text for path, language, text in blocks if language == "rust" and not path]
+    models = [text for text in programs if "fn main()" not in text]
     modules = [f"mod block_{index} {{\n{text}}}\n" for index, text in enumerate(models)]
     package = new_package("guide", tmp_path)
     (package / "src" / "lib.rs").write_text("#![allow(dead_code)]\n" + "".join(modules))
@@ -111,14 +119,84 @@ def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> N
     shell("cargo test", package)
 
 
-def test_the_python_reference_is_made_from_the_docstrings() -> None:
-    """`docs/api.py` writes it."""
+def test_programs_in_rust_are_examples() -> None:
+    """What `test_commands_and_programs_run` runs is what the page shows."""
+    blocks = BLOCK.findall(PAGES["docs/rust.md"])
+    example = ROOT / "crates" / "fmu-master" / "examples" / "gains.rs"
+    assert [text for _, kind, text in blocks if kind == "rust"] == [example.read_text()]
+
+
+def test_reference_pages_are_made_from_the_program_the_fmus_and_the_docstrings(
+    program: Path,
+) -> None:
+    """`docs/reference.py` and `docs/api.py` write them."""
+    reference = runpy.run_path(str(ROOT / "docs" / "reference.py"))
+    assert reference["command_line"]() == PAGES["docs/command-line.md"]
+    assert reference["parameters"]() == PAGES["docs/parameters.md"]
     assert runpy.run_path(str(ROOT / "docs" / "api.py"))["page"]() == PAGES["docs/python-api.md"]
+
+
+def part(page: str, heading: str) -> str:
+    """Return the section of a page."""
+    return PAGES[page].split(f"\n## {heading}\n")[1].split("\n## ")[0]
+
+
+def names(cells: str) -> set[str]:
+    """Return the names in the first column of a table."""
+    rows = re.findall(r"^\| (`.*?`) \|", cells, re.MULTILINE)
+    return {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+
+
+COMPONENT = '[[component]]\nname = "a"\nfmu = "a"\n'
+
+CONNECTION = f'{COMPONENT}[[connections]]\nfrom = "a.b"\nto = "a.c"\n'
+
+
+@pytest.fixture
+def expected(program: Path, tmp_path: Path) -> Callable[[str, str], set[str]]:
+    """Return a function: which keys the program expects instead of an unknown one in a file."""
+
+    def read(command: str, text: str) -> set[str]:
+        file = tmp_path / "file.toml"
+        file.write_text(text, encoding="utf-8")
+        message = run(command, file).stderr.splitlines()[-1]
+        assert "unknown" in message, message
+        return {*re.findall(r"\w+", message.split("expected")[1])} - {"one", "of", "or"}
+
+    return read
+
+
+def test_system_files_are_described_in_full(expected: Callable[[str, str], set[str]]) -> None:
+    tables = re.split(r"\n(?=\| Key)", part("docs/systems.md", "The system file"))
+    assert names(tables[1]) == expected("simulate", "unknown = 1")
+    assert names(tables[2]) == expected("simulate", "[[component]]\nunknown = 1")
+    fault = f"{CONNECTION}faults = [{{ unknown = 1 }}]"
+    assert names(part("docs/systems.md", "Faults")) == expected("simulate", fault)
+
+
+def test_sweep_files_are_described_in_full(expected: Callable[[str, str], set[str]]) -> None:
+    example = part("docs/sweeps.md", "The sweep file")
+    keys = {
+        *expected("sweep", "unknown = 1"),
+        *expected("sweep", 'system = "a"\n[[parameter]]\nunknown = 1'),
+        *expected("sweep", "[signals]\nunknown = 1"),
+        *expected("sweep", "[metrics]\nunknown = 1"),
+    }
+    assert len(keys) > 20
+    assert keys <= {*re.findall(r"\w+", example)}
+    assert {*re.findall(r"(\w+) = ", example)} <= keys
+
+
+def test_metrics_are_described_in_full(program: Path, tmp_path: Path) -> None:
+    one = 'stop = 0.01\n[[parameter]]\nvariable = "plant.M"\nvalues = [1.0]'
+    table = sweeps.expected(sweeps.written(tmp_path, one)).decode()
+    _index, _value, *metrics = table.splitlines()[0].split(",")
+    assert {*metrics} == names(part("docs/sweeps.md", "Metrics"))
 
 
 def test_all_units_are_listed() -> None:
     """The tables of variables.md have the symbols and prefixes of the parser."""
-    section = PAGES["docs/variables.md"].split("## Units")[1]
+    section = part("docs/variables.md", "Units")
     parser = (ROOT / "modelDescription" / "src" / "unit.rs").read_text(encoding="utf-8")
     symbols = re.findall(r'^ +\("([^"\\]+)", ', parser.split("impl Unit")[0], re.MULTILINE)
     assert len(symbols) > 40
@@ -135,7 +213,7 @@ def test_the_importers_are_those_that_were_run() -> None:
 
 def test_what_you_should_see(ssp_columns: dict) -> None:
     """The table of importing.md: final error, settling time and maximum angle of the four loops."""
-    section = PAGES["docs/importing.md"].split("## What you should see")[1].split("\n## ")[0]
+    section = part("docs/importing.md", "What you should see")
     lines = [line.split("|")[2:-1] for line in section.splitlines() if line.startswith("| `")]
     for name, cells in zip(["pid", "pid-rbf", "ipid-rbf", "supervised"], lines, strict=True):
         columns = ssp_columns[name]

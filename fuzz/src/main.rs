@@ -1,4 +1,4 @@
-//! Fuzzes `info` and `validate` with damaged FMUs, by libFuzzer: see `docs/fuzzing.md`.
+//! Fuzzes `info` and `validate` with damaged FMUs, by libFuzzer: see `docs/quality.md`.
 #![no_main]
 
 use std::fs;

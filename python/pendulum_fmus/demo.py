@@ -13,7 +13,7 @@ Next:
   make help      the other jobs: make report compares every figure and statement with the paper
   target/venv/bin/python -m pendulum_fmus.run --set controller.pid.kp=250 --csv target/loop.csv
                  another gain; --help lists signals, disturbances and plants
-  docs/tutorial.md
+  docs/start.md
                  what an FMU is, and how to make one from a model of your own"""
 
 

@@ -1,4 +1,4 @@
-//! The parameters of a sweep, as `[[parameter]]` in a sweep file has them (docs/master.md), and their values in
+//! The parameters of a sweep, as `[[parameter]]` in a sweep file has them (docs/sweeps.md), and their values in
 //! each run.
 //!
 //! The grid consists of all combinations of listed and spaced values. The runs iterate over the grid,
