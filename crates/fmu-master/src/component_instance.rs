@@ -9,10 +9,12 @@ use fmu_description::{Causality, Type, Value};
 use fmu_host::{Cause, Instance, InterfaceType, Listed, Status, Success, Unusual};
 use fmu_worker::Function;
 
+use crate::access_list::{AccessList, accessor};
 use crate::input::TableInputs;
 use crate::integrator::{self, Integrator, RecordedInstance, StepError};
 use crate::plan::LoadedComponent;
-use crate::wiring::{AccessList, FeedingOutputs, Store, VariableGroup, accessor, number};
+use crate::store::{Store, Transfer, number};
+use crate::wiring::{FeedingOutputs, VariableGroup};
 use crate::{FailedCall, Fmu, Messages, RunError};
 
 /// The outcome of a call.
@@ -32,7 +34,7 @@ pub(crate) struct ComponentInstance<'a> {
     /// The outputs whose values must be distributed.
     distributed: &'a [VariableGroup],
     /// The Float64 inputs whose values are collected in `reals`, with the outputs that feed them.
-    copied: &'a [(usize, usize)],
+    copied: &'a [Transfer],
     ports: &'a [VariableGroup],
     /// The values of its inputs of the type Float64, and of each other type; those of elements that are not
     /// connected stay.
@@ -383,7 +385,7 @@ impl<'a> ComponentInstance<'a> {
     /// Copies the values of its Float64 inputs.
     #[inline(always)]
     fn copy(&mut self, outputs: &Store) {
-        for &(from, to) in self.copied {
+        for &Transfer { from, to } in self.copied {
             self.reals[to] = outputs.reals[from];
         }
     }

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 
 use crate::random::Draw;
-use crate::wiring::Store;
+use crate::store::Store;
 use crate::{Experiment, Place};
 
 /// A fault of a connection: what it does to the value of the output, and when.

@@ -6,10 +6,12 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability};
 
+use crate::access_list::AccessList;
 use crate::component_instance::initial;
 use crate::plan::{LoadedComponent, Names, ResolvedConnection, ScalarId};
+use crate::store::{Store, number};
 use crate::table::{self, Column, Series};
-use crate::wiring::{AccessList, Store, VariableGroup, number};
+use crate::wiring::VariableGroup;
 use crate::{Fmu, Place, plan};
 
 /// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are

@@ -13,8 +13,9 @@ use fmu_description::{FmiVersion, Variability};
 use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
 
+use crate::access_list::accessor;
 use crate::input::TableInputs;
-use crate::wiring::{VariableGroup, accessor};
+use crate::wiring::VariableGroup;
 use crate::{Fmu, Messages};
 
 /// Maximum number of times that discrete states are updated in one event.

@@ -36,38 +36,47 @@
 //! communication point from which the component has stepped.
 #![forbid(unsafe_code)]
 
+mod access_list;
 mod component_instance;
 mod description;
 mod error;
+mod experiment;
 mod fault;
 mod fmu;
 mod function;
 mod input;
 mod integrator;
+mod literal;
 mod messages;
+mod overrides;
+mod package;
 mod plan;
 mod random;
 pub mod run;
 mod simulation;
 pub mod ssp;
 pub mod stepped_fmu;
+mod store;
 mod summary;
 pub mod sweep;
+mod system_file;
 pub mod table;
 mod wiring;
 
-pub use description::{
-    Component, Connection, Conversion, Description, Experiment, Literal, Order, Overrides, Sandbox,
-    is_fmu, locate,
-};
+pub use description::{Component, Connection, Conversion, Description, Order, Sandbox};
 pub use error::{FailedCall, RunError};
+pub use experiment::Experiment;
 pub use fault::Fault;
 pub use fmu::Fmu;
 pub use fmu_host::InterfaceType;
 pub use function::{Argument, Compute, Function, Signature};
+pub use literal::Literal;
 pub use messages::{Message, Messages};
+pub use overrides::Overrides;
+pub use package::SystemOrigin;
 pub use plan::{LoadedComponent, Plan, StartValue};
 pub use simulation::{Row, Simulation};
+pub use store::Place;
 pub use summary::{Statistics, Summary};
+pub use system_file::{is_fmu, locate};
 pub use table::Column;
-pub use wiring::Place;

@@ -11,8 +11,9 @@ use fmu_host::InterfaceType;
 
 use crate::fmu::{Sizes, similar};
 use crate::input::InputTable;
+use crate::store::{number, places};
 use crate::table::Column;
-use crate::wiring::{Wiring, number, places};
+use crate::wiring::Wiring;
 use crate::{
     Component, Connection, Conversion, Description, Experiment, Fault, Fmu, Literal, Order, Place,
 };
@@ -51,7 +52,7 @@ impl Plan {
     /// start value, the times, an algebraic loop.
     pub fn new(description: &Description) -> Result<Self> {
         Self::load(description).map_err(|error| match &description.package {
-            Some(package) => package.named(&error),
+            Some(package) => package.with_package_names(&error),
             None => error,
         })
     }

@@ -11,8 +11,8 @@ use crate::component_instance::{Called, ComponentInstance, receive};
 use crate::fault::FaultyConnection;
 use crate::input::TableInputs;
 use crate::plan::LoadedComponent;
+use crate::store::{Store, number, places};
 use crate::table::Column;
-use crate::wiring::{Store, number, places};
 use crate::{Message, Messages, Order, Place, Plan, RunError, StartValue};
 
 /// An initialized run of a system.

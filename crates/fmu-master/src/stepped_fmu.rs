@@ -11,10 +11,10 @@ use fmu_host::{Instance, InterfaceType, State};
 use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
+use crate::access_list::{AccessList, accessor};
 use crate::component_instance::{Called, ComponentInstance};
 use crate::integrator::Integrator;
 use crate::plan::{Assigned, LoadedComponent, assigned};
-use crate::wiring::{AccessList, accessor};
 use crate::{Description, Literal, Messages, Plan, RunError};
 
 /// Which FMU to step, and how.

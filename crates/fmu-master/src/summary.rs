@@ -7,7 +7,7 @@ use fmu_description::Type;
 use serde::{Deserialize, Serialize};
 
 use crate::simulation::Row;
-use crate::wiring::{Place, Store, number};
+use crate::store::{Place, Store, number};
 use crate::{Column, Plan};
 
 /// The values of a column over all rows.

@@ -1,118 +1,17 @@
-//! Connections and recorded variables, grouped by component and type for reading and writing, and the store
-//! of their values.
+//! Connections and recorded variables, grouped by component and type for reading and writing.
 
 use std::collections::{HashMap, HashSet};
 
-use fmu_description::{FmiVersion, Type, Value};
-use fmu_host::{Listed, operation};
+use fmu_description::{FmiVersion, Type};
+use fmu_host::Listed;
 use fmu_worker::Function;
-use serde::{Deserialize, Serialize};
 
+use crate::access_list::{AccessList, accessor};
 use crate::fault::{FaultState, FaultyConnection};
 use crate::input::InputTable;
 use crate::plan::{LoadedComponent, ResolvedConnection, ScalarId};
-use crate::{Conversion, Description, Fmu};
-
-/// A place among values of the type Float64, or among the others.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs, reason = "see above")]
-pub enum Place {
-    Real(usize),
-    Other(usize),
-}
-
-impl Place {
-    pub(crate) fn plus(self, offset: usize) -> Self {
-        match self {
-            Self::Real(index) => Self::Real(index + offset),
-            Self::Other(index) => Self::Other(index + offset),
-        }
-    }
-
-    /// The next place of a type, which is counted.
-    fn next(kind: Type, [reals, others]: &mut [usize; 2]) -> Self {
-        let (count, first) = match kind {
-            Type::Float64 => (reals, Self::Real(0)),
-            _ => (others, Self::Other(0)),
-        };
-        *count += 1;
-        first.plus(*count - 1)
-    }
-}
-
-/// The places in a row of columns of these types.
-pub(crate) fn places(kinds: impl Iterator<Item = Type>) -> impl Iterator<Item = Place> {
-    let mut counts = [0; 2];
-    kinds.map(move |kind| Place::next(kind, &mut counts))
-}
-
-/// Values: Float64 as `f64`, which is fast, and the others.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub(crate) struct Store {
-    pub(crate) reals: Vec<f64>,
-    pub(crate) others: Vec<Value>,
-}
-
-impl Store {
-    /// This many values of each kind.
-    pub(crate) fn new([reals, others]: [usize; 2]) -> Self {
-        Self { reals: vec![0.0; reals], others: vec![Value::Boolean(false); others] }
-    }
-
-    /// A number, or a Boolean as 0 or 1; NaN for other values.
-    #[inline(always)]
-    pub(crate) fn number(&self, place: Place) -> f64 {
-        match place {
-            Place::Real(index) => self.reals[index],
-            Place::Other(index) => self.other(index),
-        }
-    }
-
-    /// A function of its own, which keeps the usual case short.
-    #[cold]
-    #[inline(never)]
-    fn other(&self, index: usize) -> f64 {
-        number(&self.others[index])
-    }
-
-    pub(crate) fn value(&self, place: Place) -> Value {
-        match place {
-            Place::Real(index) => Value::Float64(self.reals[index]),
-            Place::Other(index) => self.others[index].clone(),
-        }
-    }
-
-    pub(crate) fn set(&mut self, place: Place, value: Value) {
-        match place {
-            Place::Real(index) => self.reals[index] = number(&value),
-            Place::Other(index) => self.others[index] = value,
-        }
-    }
-
-    /// Copies recorded values of another store; if they are `PLAIN`, all are Float64.
-    #[inline(always)]
-    pub(crate) fn record<const PLAIN: bool>(&mut self, records: &RecordedSignals, from: &Self) {
-        let (reals, sources) = (&mut *self.reals, &*from.reals);
-        for &(source, to) in &records.reals {
-            reals[to] = sources[source];
-        }
-        if !PLAIN {
-            for &(source, to) in &records.others {
-                self.others[to].clone_from(&from.others[source]);
-            }
-        }
-    }
-}
-
-pub(crate) fn number(value: &Value) -> f64 {
-    match value {
-        Value::Boolean(value) => (*value).into(),
-        value => {
-            let whole = value.as_whole().map(|whole| whole as f64);
-            whole.or(value.as_real()).unwrap_or(f64::NAN)
-        }
-    }
-}
+use crate::store::{Place, RecordedSignals, Transfer, places};
+use crate::{Conversion, Description};
 
 /// What is transferred between the components and into rows.
 pub(crate) struct Wiring {
@@ -135,14 +34,6 @@ pub(crate) struct Wiring {
     pub(crate) is_plain: bool,
 }
 
-/// Recorded variables: their indices among the outputs of all components and in a row. Values are stored
-/// in the same way in both.
-#[derive(Default)]
-pub(crate) struct RecordedSignals {
-    pub(crate) reals: Vec<(usize, usize)>,
-    pub(crate) others: Vec<(usize, usize)>,
-}
-
 /// Variables of one component and type.
 pub(crate) struct VariableGroup {
     /// The type whose functions get and set them, and these functions.
@@ -156,7 +47,7 @@ pub(crate) struct VariableGroup {
     /// are all elements: their values need not be collected.
     pub(crate) run: Option<Listed>,
     /// The Float64 outputs that feed inputs without a conversion, and the positions of these inputs.
-    pub(crate) copied: Vec<(usize, usize)>,
+    pub(crate) copied: Vec<Transfer>,
     /// The variables that are connected or recorded, once each, and the place of the first.
     pub(crate) outputs: AccessList,
     pub(crate) first: Place,
@@ -278,9 +169,9 @@ impl Wiring {
         for (port, column) in recorded.iter().zip(places(kinds)) {
             let records = if components[port.component].sampled { &mut after } else { &mut before };
             match (outputs[port], column) {
-                (Place::Real(from), Place::Real(to)) => records.reals.push((from, to)),
+                (Place::Real(from), Place::Real(to)) => records.reals.push(Transfer { from, to }),
                 (Place::Real(from) | Place::Other(from), Place::Real(to) | Place::Other(to)) => {
-                    records.others.push((from, to));
+                    records.others.push(Transfer { from, to });
                 }
             }
         }
@@ -328,12 +219,16 @@ impl Wiring {
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
             let pairs = reals.sources.iter().zip(&reals.inputs.positions);
             let copied = pairs.filter_map(|(source, position)| match source.output {
-                Place::Real(from) if source.conversion.is_none() => Some((from, *position)),
+                Place::Real(from) if source.conversion.is_none() => {
+                    Some(Transfer { from, to: *position })
+                }
                 _ => None,
             });
             reals.copied = copied.collect();
-            if let [(first, _), ..] = reals.copied[..]
-                && (first..).zip(0..reals.inputs.elements).eq(reals.copied.iter().copied())
+            if let [Transfer { from: first, .. }, ..] = reals.copied[..]
+                && (first..)
+                    .zip(0..reals.inputs.elements)
+                    .eq(reals.copied.iter().map(|t| (t.from, t.to)))
             {
                 reals.run = Some(reals.inputs.listed(first));
             }
@@ -348,63 +243,5 @@ impl Wiring {
             && after.others.is_empty()
             && wired.iter().all(|all| all.len() == 1 && all[0].is_plain());
         Self { components: wired, feeds, counts, before, after, faulty_connections, fed, is_plain }
-    }
-}
-
-/// The function that gets or sets variables of a type.
-pub(crate) fn accessor(verb: &str, version: FmiVersion, kind: Type) -> Option<Function> {
-    Function::performing(version, &operation(verb, kind))
-}
-
-/// Scalars, and the variables with which they are got or set.
-#[derive(Default)]
-pub(crate) struct AccessList {
-    /// The value references; an array has one for all its elements.
-    pub(crate) references: Vec<u32>,
-    /// Their indices in the FMU.
-    pub(crate) scalars: Vec<usize>,
-    /// The number of elements of all variables together.
-    pub(crate) elements: usize,
-    /// The positions of the scalars among these.
-    pub(crate) positions: Vec<usize>,
-    /// Whether they are all elements, in their order.
-    pub(crate) are_all: bool,
-    /// Whether they are not the first elements, in their order.
-    are_mixed: bool,
-    /// The first element of each array.
-    arrays: HashMap<u32, usize>,
-}
-
-impl AccessList {
-    /// The variables and the place of their elements in a list.
-    pub(crate) fn listed(&self, first: usize) -> Listed {
-        Listed::new(&self.references, first..first + self.elements)
-    }
-
-    pub(crate) fn of(fmu: &Fmu, scalars: impl IntoIterator<Item = usize>) -> Self {
-        let mut wired = Self::default();
-        scalars.into_iter().for_each(|scalar| wired.push(fmu, scalar));
-        wired
-    }
-
-    pub(crate) fn push(&mut self, fmu: &Fmu, scalar: usize) {
-        let variable = fmu.variable(scalar);
-        let (reference, count) = (variable.reference, variable.element_count());
-        // Aliases of scalars are accessed each on its own.
-        let is_array = count > 1;
-        let known = if is_array { self.arrays.get(&reference).copied() } else { None };
-        let first = known.unwrap_or_else(|| {
-            self.references.push(reference);
-            if is_array {
-                self.arrays.insert(reference, self.elements);
-            }
-            self.elements += count;
-            self.elements - count
-        });
-        let position = first + fmu.scalars[scalar].element;
-        self.are_mixed |= position != self.positions.len();
-        self.scalars.push(scalar);
-        self.positions.push(position);
-        self.are_all = !self.are_mixed && self.positions.len() == self.elements;
     }
 }

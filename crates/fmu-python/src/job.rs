@@ -110,7 +110,7 @@ impl System {
             })?,
             None => Description::open(&self.file)?,
         };
-        description.change(&self.changes);
+        self.changes.apply(&mut description);
         for (number, (name, signature)) in self.functions.iter().enumerate() {
             let compute = compute.clone();
             let compute = move |time, inputs: &[Value]| compute(number, time, inputs);

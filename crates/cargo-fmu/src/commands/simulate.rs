@@ -197,14 +197,14 @@ pub fn stem(file: &Path) -> String {
 
 /// Reads the system file, applies the options and loads the FMUs.
 fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<StartValue>)> {
-    let changes = Overrides { sandbox: args.limited.sandbox(), ..args.changes.clone() };
+    let overrides = Overrides { sandbox: args.limited.sandbox(), ..args.changes.clone() };
     let mut description = Description::open(&args.system)?;
-    description.change(&changes);
+    overrides.apply(&mut description);
     for warning in description.package.iter().flat_map(|package| &package.warnings) {
         worker::warn(warning);
     }
     let plan = Plan::new(&description).map_err(|error| located(args, error))?;
-    plan.set(description, &changes.sets)
+    plan.set(description, &overrides.sets)
 }
 
 /// Adds the system file to an error, and the line unless the value may come from an option.

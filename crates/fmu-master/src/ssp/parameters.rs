@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value;
 use fmu_description::xml::Element;
 
-use super::read::document;
+use super::document::document;
 use super::system::{ConnectorPath, DefinedUnit, FlatSystem, IncomingConnection, Passage, join};
 use super::vocabulary::{self, MAPPING, PARAMETER_SET};
 use crate::fmu::units;

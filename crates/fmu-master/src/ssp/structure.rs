@@ -58,7 +58,7 @@ pub fn document(
                     .with("offset", real(conversion.offset))
             }))
     });
-    let name = super::identifier(name);
+    let name = identifier(name);
     let system = Element::new(vocabulary::SYSTEM)
         .with("name", &name)
         .listing(vocabulary::ELEMENT_LIST, components)
@@ -90,6 +90,13 @@ pub fn document(
         .listing(vocabulary::UNITS, terms.units())
         .holding(experiment)
         .document()
+}
+
+/// The name in a package, an identifier, as OMSimulator requires: other characters than ASCII letters, digits
+/// and `_` become `_`, and `c_` comes before one that does not begin with a letter.
+pub fn identifier(name: &str) -> String {
+    let valid = name.replace(|c: char| !c.is_ascii_alphanumeric(), "_");
+    if valid.starts_with(|c: char| c.is_ascii_alphabetic()) { valid } else { format!("c_{valid}") }
 }
 
 /// The variables of a component that have connectors, by side: inputs, outputs, and the parameters that the

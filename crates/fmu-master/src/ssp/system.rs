@@ -8,9 +8,10 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::Element;
 use fmu_file::archive;
 
-use super::read::{self, OpenedPackage};
+use super::document;
 use super::vocabulary::{self, COMPONENT, SYSTEM};
 use crate::fmu::{Declared, Units};
+use crate::package::StructureFile;
 use crate::{Component, Connection, Conversion, InterfaceType};
 
 /// A connector: the path of its element, which is empty for the outermost system, and its name.
@@ -48,7 +49,7 @@ struct Connector {
 /// The elements read so far. Their paths are names separated by dots.
 pub struct FlatSystem<'a> {
     /// The opened packages and structures; the paths that are read belong to the one with this index.
-    pub opened: &'a mut Vec<OpenedPackage>,
+    pub opened: &'a mut Vec<StructureFile>,
     pub current: usize,
     pub units: Units,
     pub components: Vec<Component>,
@@ -69,7 +70,7 @@ pub struct FlatSystem<'a> {
 }
 
 impl<'a> FlatSystem<'a> {
-    pub fn new(opened: &'a mut Vec<OpenedPackage>, units: Units) -> Self {
+    pub fn new(opened: &'a mut Vec<StructureFile>, units: Units) -> Self {
         Self {
             opened,
             current: 0,
@@ -110,15 +111,15 @@ impl<'a> FlatSystem<'a> {
     fn file(&mut self, source: &str, path: &str) -> Result<()> {
         const MOST: usize = 100;
         ensure!(self.opened.len() <= MOST, "there are more than {MOST} packages in packages");
-        let opened = OpenedPackage::open(&self.path(source)?).with_context(|| source.to_owned())?;
+        let opened = StructureFile::open(&self.path(source)?).with_context(|| source.to_owned())?;
         let text = opened.structure();
         self.opened.push(opened);
         let current = std::mem::replace(&mut self.current, self.opened.len() - 1);
         let add = || {
             let text = text?;
-            let root = read::document(&text, vocabulary::STRUCTURE)?;
-            let units = std::mem::replace(&mut self.units, read::units_of(&root));
-            self.add_parts(read::system_of(&root)?, path)?;
+            let root = document::document(&text, vocabulary::STRUCTURE)?;
+            let units = std::mem::replace(&mut self.units, document::units_of(&root));
+            self.add_parts(document::system_of(&root)?, path)?;
             self.units = units;
             anyhow::Ok(())
         };

@@ -21,7 +21,7 @@ use super::pool::{Pool, TaskOutcome, Workers};
 use crate::table::{self, Cell, Column};
 use crate::{
     Description, Literal, Messages, Order, Place, Plan, Row, RunError, Sandbox, Simulation,
-    StartValue, locate, ssp,
+    StartValue, SystemOrigin, locate,
 };
 
 /// The contents of a sweep file.
@@ -72,7 +72,7 @@ pub struct Study {
     files: Vec<(PathBuf, PathBuf)>,
     input: Option<PathBuf>,
     /// Unpacked packages, from which a worker elsewhere gets the FMUs.
-    _package: Option<Arc<ssp::SystemOrigin>>,
+    _package: Option<Arc<SystemOrigin>>,
     parameters: Parameters,
     /// The index of the run, its parameters and metrics, and why it failed.
     columns: Vec<Column>,

@@ -1,0 +1,121 @@
+//! Overrides: the options of the command line, which replace parts of a description.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use fmu_host::InterfaceType;
+use serde::{Deserialize, Serialize};
+
+use crate::{Description, Order, Sandbox};
+
+/// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
+#[serde(default)]
+pub struct Overrides {
+    /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
+    /// has no COMPONENT
+    #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
+    pub sets: Vec<(String, String)>,
+    /// Start time in s
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub start: Option<f64>,
+    /// Stop time, the last recorded communication point, in s
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub stop: Option<f64>,
+    /// Communication step size in s
+    #[arg(long, value_name = "H", allow_negative_numbers = true)]
+    pub step: Option<f64>,
+    /// Relative tolerance of all components
+    #[arg(long, value_name = "TOLERANCE")]
+    pub tolerance: Option<f64>,
+    /// How to run the FMUs [default: by co-simulation, if they support it]
+    #[arg(long, value_parser = interface_type())]
+    pub interface: Option<InterfaceType>,
+    /// Record all components after each step, or before it [default: after it if all outputs are discrete, except
+    /// one FMU without a system file]
+    #[arg(long)]
+    pub sampled: Option<bool>,
+    /// Order of stepping
+    #[arg(long)]
+    pub order: Option<Order>,
+    /// Variable to record; may be repeated
+    #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
+    pub outputs: Vec<String>,
+    /// CSV or Parquet file with values of inputs: a column time in s, and one for each input
+    #[arg(long, value_name = "FILE")]
+    pub input: Option<PathBuf>,
+    /// Folder of the FMUs [default: as in the system file]
+    #[arg(long, value_name = "DIR")]
+    pub fmus: Option<PathBuf>,
+    /// How WebAssembly components run.
+    #[arg(skip)]
+    pub sandbox: Sandbox,
+}
+
+impl Overrides {
+    /// Applies the overrides to a description, except for the start values, which need the FMUs.
+    pub fn apply(&self, description: &mut Description) {
+        description.sandbox = self.sandbox;
+        description.start = self.start.unwrap_or(description.start);
+        description.stop = self.stop.unwrap_or(description.stop);
+        description.step = self.step.unwrap_or(description.step);
+        description.order = self.order.unwrap_or(description.order);
+        description.tolerance = self.tolerance.or(description.tolerance);
+        for component in &mut description.components {
+            component.sampled = self.sampled.or(component.sampled);
+            component.interface = self.interface.or(component.interface);
+            component.tolerance = component.tolerance.filter(|_| self.tolerance.is_none());
+        }
+        if !self.outputs.is_empty() {
+            description.outputs.clone_from(&self.outputs);
+        }
+        description.input = self.input.clone().or(description.input.take());
+        if let Some(folder) = &self.fmus {
+            description.take_fmus_from(folder);
+        }
+    }
+}
+
+/// Reads an interface type from a command line.
+fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
+    let known = [
+        PossibleValue::new("co-simulation").help("The FMU computes each step"),
+        PossibleValue::new("model-exchange").help("The equations of the FMU are integrated"),
+    ];
+    PossibleValuesParser::new(known).map(|name| match &*name {
+        "model-exchange" => InterfaceType::ModelExchange,
+        _ => InterfaceType::CoSimulation,
+    })
+}
+
+/// Parses `COMPONENT.VARIABLE=VALUE`.
+fn assignment(text: &str) -> Result<(String, String)> {
+    let (mut is_quoted, mut last) = (false, '.');
+    let end = text.find(|c| {
+        // An apostrophe within a part of a name is no quote.
+        is_quoted ^= c == '\'' && (is_quoted || last == '.');
+        last = c;
+        c == '=' && !is_quoted
+    });
+    let end = end
+        .or_else(|| text.find('='))
+        .context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
+    Ok((text[..end].to_owned(), text[end + 1..].to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::assignment;
+
+    #[test]
+    fn a_value_follows_the_first_equals_sign_outside_a_quoted_name() {
+        let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+        assert_eq!(assignment("p.'a=b'=1").unwrap(), pair("p.'a=b'", "1"));
+        assert_eq!(assignment("p.text=a=b").unwrap(), pair("p.text", "a=b"));
+        assert_eq!(assignment("p.it's=1").unwrap(), pair("p.it's", "1"));
+        assert_eq!(assignment("p.it's=a'b=c").unwrap(), pair("p.it's", "a'b=c"));
+        assert!(assignment("p.'a'").is_err());
+    }
+}

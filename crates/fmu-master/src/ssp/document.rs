@@ -1,0 +1,53 @@
+//! Documents of SSP, parsed and checked.
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::xml::{self, Element};
+use fmu_file::archive;
+
+use super::vocabulary;
+use crate::fmu::{Units, units};
+use crate::package::STRUCTURE_FILE;
+
+/// Maximum number of elements of a document; those of a package have the variables of all its FMUs.
+const MAX_ELEMENTS: usize = 1 << 22;
+
+/// Parses a document of SSP 1 with this root.
+///
+/// # Errors
+/// It is another document.
+pub fn document<'a>(text: &'a str, root: &str) -> Result<Element<'a>> {
+    let mut element = xml::parse_up_to(MAX_ELEMENTS, text)?;
+    let namespace = vocabulary::namespace(&element);
+    vocabulary::normalize(&mut element)?;
+    if element.name != root {
+        let of = match namespace {
+            _ if element.name.contains(':') => String::new(),
+            Some(namespace) => format!(" of {namespace}"),
+            None => " without a namespace".to_owned(),
+        };
+        bail!("the root is {}{of}, expected {root} of SSP 1.0", element.name);
+    }
+    let version = element.attribute("version").unwrap_or_default();
+    ensure!(version.starts_with("1."), "version {version:?} of SSP is not supported, expected 1.0");
+    Ok(element)
+}
+
+/// Checks that a structure can be read again.
+///
+/// # Errors
+/// It is larger than the limits.
+pub fn check(structure: &str) -> Result<()> {
+    let most = archive::MAX_SSP;
+    ensure!(structure.len() as u64 <= most, "{STRUCTURE_FILE} is larger than {} MB", most >> 20);
+    document(structure, vocabulary::STRUCTURE).map(drop).context(STRUCTURE_FILE)
+}
+
+/// The units that a structure defines.
+pub fn units_of(structure: &Element<'_>) -> Units {
+    units(structure.list(vocabulary::UNITS, vocabulary::UNIT), vocabulary::BASE_UNIT)
+}
+
+/// The outermost system of a structure.
+pub fn system_of<'a>(structure: &'a Element<'a>) -> Result<&'a Element<'a>> {
+    structure.child(vocabulary::SYSTEM).context("it has no system")
+}
