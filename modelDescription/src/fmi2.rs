@@ -1,6 +1,6 @@
 //! The model description of FMI 2.0.
 
-use crate::describe::{ExportedModel, Writer};
+use crate::exported::ExportedModel;
 use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
 use crate::{Causality, Dynamics, Type, Value, Variability};
@@ -79,9 +79,12 @@ fn scalar(model: &ExportedModel, v: &Variable, element: usize) -> Variable {
 }
 
 /// Adds the types of interfaces, with the capabilities of the C interface of `fmu-export`. Memory comes from
-/// Rust's allocator, not from the callbacks of the host.
-pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element<'static> {
-    let Writer { model, variables, .. } = writer;
+/// Rust's allocator, not from the callbacks of the host. `variables` are the scalar variables that FMI 2.0 lists.
+pub(crate) fn interfaces(
+    model: &ExportedModel,
+    variables: &[Variable],
+    root: Element<'static>,
+) -> Element<'static> {
     let event_indicators = variables.iter().filter(|v| v.is_event_indicator());
     let interface = |name| {
         let identified = Element::new(name).with("modelIdentifier", &model.name);

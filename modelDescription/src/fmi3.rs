@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail, ensure};
 
-use crate::describe::ExportedModel;
+use crate::exported::ExportedModel;
 use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
 use crate::{Causality, FmiVersion, Variability};

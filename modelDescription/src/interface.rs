@@ -5,9 +5,8 @@
 //! the parts that make up the identity of the interface.
 
 use crate::hash::{Hash, checksum};
-use crate::table::{
-    Bounds, Constant, Declaration, Dynamics, ScalarVariable, StartValues, each, each_variable,
-};
+use crate::scalar::{ScalarVariable, each_variable};
+use crate::table::{Bounds, Constant, Declaration, Dynamics, StartValues, each};
 use crate::{Causality, Initial, Type, Value, Variability};
 
 /// All that an FMU binary knows of a model's interface.
@@ -245,18 +244,18 @@ const fn identify_value(value: Constant, hash: Hash) -> Hash {
 
 /// Size of the copy of an interface in bytes.
 pub const fn size(interface: &Interface) -> usize {
-    written::<0>(interface).length
+    write_copy::<0>(interface).length
 }
 
 /// The copy of an interface; `N` is its [`size`].
 pub const fn write<const N: usize>(interface: &Interface) -> [u8; N] {
-    let writer = written::<N>(interface);
+    let writer = write_copy::<N>(interface);
     assert!(writer.length == N, "N is the size of the copy");
     writer.bytes
 }
 
-const fn written<const N: usize>(interface: &Interface) -> Writer<N> {
-    let mut writer = Writer { bytes: [0; N], length: 0 };
+const fn write_copy<const N: usize>(interface: &Interface) -> CopyWriter<N> {
+    let mut writer = CopyWriter { bytes: [0; N], length: 0 };
     writer.raw(&MAGIC);
     writer.raw(&VERSION.to_le_bytes());
     // The first pass, which computes the length, does not know it.
@@ -269,12 +268,12 @@ const fn written<const N: usize>(interface: &Interface) -> Writer<N> {
 }
 
 /// Writes the first `N` bytes of a copy, and counts the others: a `ExportedModel`, as postcard reads it.
-struct Writer<const N: usize> {
+struct CopyWriter<const N: usize> {
     bytes: [u8; N],
     length: usize,
 }
 
-impl<const N: usize> Writer<N> {
+impl<const N: usize> CopyWriter<N> {
     const fn raw(&mut self, bytes: &[u8]) {
         each!(byte in bytes => {
             if self.length < N {

@@ -10,10 +10,15 @@
 //! `xml::parse` returns a tree of elements, and `ModelDescription` is a typed view of it.
 #![deny(unsafe_code)]
 
+pub mod checks;
+#[doc(hidden)]
+pub mod derive;
 #[cfg(feature = "xml")]
 mod describe;
 #[cfg(feature = "xml")]
 mod embedded;
+#[cfg(feature = "xml")]
+mod exported;
 #[cfg(feature = "xml")]
 mod fmi2;
 #[cfg(feature = "xml")]
@@ -22,6 +27,7 @@ pub mod hash;
 pub mod interface;
 #[cfg(feature = "xml")]
 pub mod model;
+pub mod scalar;
 pub mod table;
 pub mod unit;
 pub mod value;
@@ -34,19 +40,20 @@ pub mod words;
 pub mod xml;
 
 #[cfg(feature = "xml")]
-pub use describe::{ExportedModel, Origin};
+pub use describe::Origin;
 #[cfg(feature = "xml")]
 pub use embedded::{erase_interfaces, read_interfaces};
+#[cfg(feature = "xml")]
+pub use exported::ExportedModel;
 pub use fmi_abi::FmiVersion;
 pub use interface::{Interface, Overrides};
 #[cfg(feature = "xml")]
 pub use model::{ModelDescription, Unknown, XmlVariable};
-pub use table::{Dynamics, ScalarVariable, TableRow};
+pub use scalar::ScalarVariable;
+pub use table::{AnyChoice, Dynamics, TableRow};
 pub use unit::Unit;
 pub use value::Value;
 #[cfg(feature = "xml")]
 pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
-#[doc(hidden)]
-pub use variables::derive;
-pub use variables::{AnyChoice, Choice, Damaged, Loader, Saver, Variables};
+pub use variables::{Choice, Damaged, Loader, Saver, Variables};
 pub use vocabulary::{Causality, Initial, LOG_CATEGORIES, MODEL_CATEGORY, Type, Variability};

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use crate::table::element_name;
+use crate::scalar::element_name;
 use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value, words};
 
 /// A variable: a scalar, or an array. The copy in a binary has its fields in this order. The default is a

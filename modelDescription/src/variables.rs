@@ -3,7 +3,8 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::table::{Enumeration, TableRow, scalar_count};
+use crate::scalar::scalar_count;
+use crate::table::{AnyChoice, Enumeration, TableRow};
 
 /// A struct with variables, implemented by `#[derive(Variables)]` and `#[derive(Model)]`.
 ///
@@ -141,15 +142,6 @@ impl<T: Default + Clone + Serialize + DeserializeOwned> Internal for T {
     }
 }
 
-/// A [`Choice`] of any type.
-pub trait AnyChoice {
-    /// The number of the item.
-    fn get(&self) -> i32;
-
-    /// Sets the item; false if there is none with this number.
-    fn set(&mut self, number: i32) -> bool;
-}
-
 impl<C: Choice> AnyChoice for C {
     fn get(&self) -> i32 {
         self.number()
@@ -211,141 +203,5 @@ impl<'a> Loader<'a> {
     /// Whether all bytes were read.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
-    }
-}
-
-/// What the code of the derive macros uses.
-#[doc(hidden)]
-pub mod derive {
-    use super::AnyChoice;
-    pub use super::{Choice, Damaged, Internal, Loader, Saver, Variables};
-    pub use crate::Interface;
-    use crate::hash::Hash;
-    pub use crate::table::{
-        Bounds, Declaration, Dynamics, Enumeration, Item, StartValues, TableRow,
-    };
-    use crate::table::{Constant, each, scalar_count, shared_name, variable_with_hash};
-    pub use crate::vocabulary::{Causality, Variability};
-
-    /// The elements of an array that are in use.
-    #[inline(always)]
-    pub fn in_use<T, const N: usize>(array: &[T; N], size: u64) -> &[T] {
-        &array[..size.min(N as u64) as usize]
-    }
-
-    /// Whether a number is finite: its exponent, without the sign before it, is not the largest. Compared as a
-    /// whole number, since the result of a comparison of floating-point numbers is known later.
-    #[inline(always)]
-    pub fn is_finite<T: Copy + Into<f64>>(number: &T) -> bool {
-        (*number).into().to_bits() << 1 < f64::INFINITY.to_bits() << 1
-    }
-
-    /// Whether all numbers are finite; of few, as networks have, without the cost of a loop.
-    #[inline(always)]
-    pub fn are_finite<T: Copy + Into<f64>>(numbers: &[T]) -> bool {
-        match <&[T; 4]>::try_from(numbers) {
-            Ok(few) => few.iter().all(is_finite),
-            Err(_) => numbers.iter().all(is_finite),
-        }
-    }
-
-    /// The number of the first scalar of a row.
-    pub const fn first(rows: &[TableRow], row: usize) -> usize {
-        scalar_count(rows.split_at(row).0)
-    }
-
-    /// A pointer to an item as one to an item of any type.
-    pub fn item<C: Choice>(item: *mut u8) -> *mut dyn AnyChoice {
-        item.cast::<C>()
-    }
-
-    /// Checks that start values are within bounds, and returns them; panics at compile time with `message` and what is
-    /// wrong.
-    #[track_caller]
-    pub const fn checked(start: StartValues, bounds: Bounds, message: &str) -> StartValues {
-        let has_values = match bounds {
-            Bounds::Real(min, max) => min <= max,
-            Bounds::Whole(min, max) => min <= max,
-            Bounds::None => true,
-        };
-        if !has_values {
-            fail(message, "impossible, expected a maximum of at least the minimum");
-        }
-        let mut i = 0;
-        while i < start.len() {
-            let is_within = match (bounds, start.get(i)) {
-                (Bounds::Real(..), Constant::Real(value)) if value.is_nan() => {
-                    fail(message, "NaN, expected a number")
-                }
-                (Bounds::Real(..), Constant::Real(value)) if value.is_infinite() => {
-                    fail(message, "infinite, expected a finite number")
-                }
-                (Bounds::Real(min, max), Constant::Real(value)) => min <= value && value <= max,
-                (Bounds::Whole(min, max), Constant::Whole(value)) => min <= value && value <= max,
-                _ => true,
-            };
-            if !is_within {
-                fail(message, "outside its bounds");
-            }
-            i += 1;
-        }
-        start
-    }
-
-    /// Checks that the variables of a group have other names than all other rows.
-    #[track_caller]
-    pub const fn unique(rows: &'static [TableRow], group: usize, message: &str) {
-        each!(i, row in rows => {
-            // Two groups are compared once.
-            let is_due = i < group || matches!(row, TableRow::Variable(_)) && i != group;
-            if is_due && let Some(name) = shared_name(rows, group, i) {
-                fail(message, name);
-            }
-        });
-    }
-
-    /// Checks that a variable exists.
-    #[track_caller]
-    pub const fn exists(rows: &'static [TableRow], name: &str, message: &str) {
-        if variable_with_hash(rows, Hash::new().bytes(name.as_bytes()).0).is_none() {
-            panic!("{}", message);
-        }
-    }
-
-    /// Checks that an option is positive, and returns it; panics at compile time with `message` and what is wrong.
-    #[track_caller]
-    pub const fn positive(value: f64, message: &str) -> f64 {
-        if !(value > 0.0 && value.is_finite()) {
-            fail(message, "not a positive number");
-        }
-        value
-    }
-
-    /// The number of an item.
-    #[track_caller]
-    pub const fn number(number: i128) -> i32 {
-        assert!(
-            i32::MIN as i128 <= number && number <= i32::MAX as i128,
-            "the number of an item has more than 32 bits"
-        );
-        number as i32
-    }
-
-    /// Panics with both texts. Constant evaluation formats one at most.
-    #[track_caller]
-    const fn fail(message: &str, name: &str) -> ! {
-        let mut text = [b' '; 256];
-        let mut i = 0;
-        while i < message.len() + name.len() && i < text.len() {
-            text[i] = match i < message.len() {
-                true => message.as_bytes()[i],
-                false => name.as_bytes()[i - message.len()],
-            };
-            i += 1;
-        }
-        match str::from_utf8(text.split_at(i).0) {
-            Ok(text) => panic!("{}", text),
-            Err(_) => panic!("{}", message),
-        }
     }
 }

@@ -3,7 +3,8 @@
 use std::any::Any;
 
 use dormand_prince::solver::{self, Advanced, Step, Workspace};
-use fmu_description::table::{self, Declaration, ScalarVariable};
+use fmu_description::scalar::{self, ScalarVariable};
+use fmu_description::table::Declaration;
 use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Value};
 
 use crate::layout::{self, Array, Facts, Place, Tables, copy_fields};
@@ -64,7 +65,7 @@ pub(crate) trait AnyModel: Any {
 
 impl<M: Model, const N: usize> Bound<M, N> {
     /// The scalar variables, for constants only: the binary does not need them.
-    pub(crate) const ROWS: &'static [ScalarVariable; N] = &table::scalars(M::ROWS);
+    pub(crate) const ROWS: &'static [ScalarVariable; N] = &scalar::scalars(M::ROWS);
     const TABLES: Tables<N> = Tables::of(Self::ROWS);
     const FACTS: Facts = Facts {
         rows: M::ROWS,
@@ -454,7 +455,7 @@ impl dyn AnyModel {
 
     /// The scalar variable with the given value reference.
     pub(crate) fn find(&self, reference: u32) -> Option<ScalarVariable> {
-        table::scalar_at(self.facts().rows, reference as usize)
+        scalar::scalar_at(self.facts().rows, reference as usize)
     }
 
     pub(crate) fn get(&mut self, scalar: &ScalarVariable) -> Value {

@@ -3,9 +3,9 @@
 use std::ffi::CStr;
 
 use fmi_abi::FmiVersion;
+use fmu_description::checks::check;
 use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
-use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
 
 use crate::bound::{Bound, Variant};

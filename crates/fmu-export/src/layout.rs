@@ -2,7 +2,8 @@
 //! memory that the rows describe.
 
 use fmu_description::hash::Hash;
-use fmu_description::table::{self, Bounds, Declaration, ScalarVariable, StartValues, TableRow};
+use fmu_description::scalar::{self, ScalarVariable};
+use fmu_description::table::{Bounds, Declaration, StartValues, TableRow};
 use fmu_description::{Causality, Dynamics, Value, Variability};
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
@@ -257,7 +258,7 @@ pub(crate) struct Facts {
 /// # Safety
 /// At the place is a struct with these rows, which is borrowed mutably.
 pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [TableRow]) {
-    table::each_declaration(rows, 0, &mut |field, offset| {
+    scalar::each_declaration(rows, 0, &mut |field, offset| {
         // SAFETY: `Variables` promises a value of the type of the table for each element.
         unsafe { start(model.byte_add(offset), field) };
     });
@@ -273,7 +274,7 @@ pub(crate) unsafe fn copy_fields(
     rows: &'static [TableRow],
     is_copied: fn(&Declaration) -> bool,
 ) {
-    table::each_declaration(rows, 0, &mut |field, offset| {
+    scalar::each_declaration(rows, 0, &mut |field, offset| {
         if is_copied(field) {
             // SAFETY: as for start values.
             unsafe { copy(to.byte_add(offset), from.byte_add(offset), field) };
@@ -288,7 +289,7 @@ pub(crate) unsafe fn copy_fields(
 /// At the place is a struct with these rows, which is borrowed mutably.
 pub(crate) unsafe fn hash_of_switches(model: *mut u8, rows: &'static [TableRow]) -> u128 {
     let mut hash = Hash::new();
-    table::each_declaration(rows, 0, &mut |field, offset| {
+    scalar::each_declaration(rows, 0, &mut |field, offset| {
         if is_switch(field) {
             // SAFETY: as for start values.
             hash = unsafe { add(hash, model.byte_add(offset), field) };

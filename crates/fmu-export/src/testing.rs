@@ -10,8 +10,8 @@ use fmi_abi::fmi2::calls;
 use fmi_abi::state::State;
 use fmi_abi::{Call, FmiVersion};
 use fmu_description::Causality;
+use fmu_description::ScalarVariable;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::table::ScalarVariable;
 
 pub use fmu_description::Value;
 

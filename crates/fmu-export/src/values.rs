@@ -5,7 +5,8 @@ use std::fmt::Display;
 
 use fmi_abi::FmiVersion;
 use fmi_abi::state::State;
-use fmu_description::table::{Bounds, Declaration, ScalarVariable};
+use fmu_description::ScalarVariable;
+use fmu_description::table::{Bounds, Declaration};
 use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
 
 use crate::component::Component;

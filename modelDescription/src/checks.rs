@@ -1,0 +1,192 @@
+//! Checks of a table at compile time, whose panics are compile errors: of each struct where it is derived, and of a
+//! model where it is exported.
+
+use crate::hash::Hash;
+use crate::scalar::{ScalarVariable, each_variable, scalar_at, variable_with_hash};
+use crate::table::{Bounds, Constant, Dynamics, MAX_NAME, StartValues, TableRow, each};
+
+/// Checks that start values are within bounds, and returns them; panics at compile time with `message` and what is
+/// wrong.
+#[track_caller]
+pub const fn checked(start: StartValues, bounds: Bounds, message: &str) -> StartValues {
+    let has_values = match bounds {
+        Bounds::Real(min, max) => min <= max,
+        Bounds::Whole(min, max) => min <= max,
+        Bounds::None => true,
+    };
+    if !has_values {
+        fail(message, "impossible, expected a maximum of at least the minimum");
+    }
+    let mut i = 0;
+    while i < start.len() {
+        let is_within = match (bounds, start.get(i)) {
+            (Bounds::Real(..), Constant::Real(value)) if value.is_nan() => {
+                fail(message, "NaN, expected a number")
+            }
+            (Bounds::Real(..), Constant::Real(value)) if value.is_infinite() => {
+                fail(message, "infinite, expected a finite number")
+            }
+            (Bounds::Real(min, max), Constant::Real(value)) => min <= value && value <= max,
+            (Bounds::Whole(min, max), Constant::Whole(value)) => min <= value && value <= max,
+            _ => true,
+        };
+        if !is_within {
+            fail(message, "outside its bounds");
+        }
+        i += 1;
+    }
+    start
+}
+
+/// Checks that the variables of a group have other names than all other rows.
+#[track_caller]
+pub const fn unique(rows: &'static [TableRow], group: usize, message: &str) {
+    each!(i, row in rows => {
+        // Two groups are compared once.
+        let is_due = i < group || matches!(row, TableRow::Variable(_)) && i != group;
+        if is_due && let Some(name) = shared_name(rows, group, i) {
+            fail(message, name);
+        }
+    });
+}
+
+/// Checks that a variable exists.
+#[track_caller]
+pub const fn exists(rows: &'static [TableRow], name: &str, message: &str) {
+    if variable_with_hash(rows, Hash::new().bytes(name.as_bytes()).0).is_none() {
+        panic!("{}", message);
+    }
+}
+
+/// Checks that an option is positive, and returns it; panics at compile time with `message` and what is wrong.
+#[track_caller]
+pub const fn positive(value: f64, message: &str) -> f64 {
+    if !(value > 0.0 && value.is_finite()) {
+        fail(message, "not a positive number");
+    }
+    value
+}
+
+/// The number of an item.
+#[track_caller]
+pub const fn number(number: i128) -> i32 {
+    assert!(
+        i32::MIN as i128 <= number && number <= i32::MAX as i128,
+        "the number of an item has more than 32 bits"
+    );
+    number as i32
+}
+
+/// Panics with both texts. Constant evaluation formats one at most.
+#[track_caller]
+const fn fail(message: &str, name: &str) -> ! {
+    let mut text = [b' '; 256];
+    let mut i = 0;
+    while i < message.len() + name.len() && i < text.len() {
+        text[i] = match i < message.len() {
+            true => message.as_bytes()[i],
+            false => name.as_bytes()[i - message.len()],
+        };
+        i += 1;
+    }
+    match str::from_utf8(text.split_at(i).0) {
+        Ok(text) => panic!("{}", text),
+        Err(_) => panic!("{}", message),
+    }
+}
+
+/// The name of a variable of the row `group` that has the full name of a variable of the row `other`.
+const fn shared_name(
+    rows: &'static [TableRow],
+    group: usize,
+    other: usize,
+) -> Option<&'static str> {
+    let (group, other) = (row(rows, group), row(rows, other));
+    let mut i = 0;
+    while let Some(scalar) = scalar_at(group, i) {
+        if variable_with_hash(other, scalar.name_hash(scalar.variable.name)).is_some() {
+            return Some(scalar.variable.name);
+        }
+        i += scalar.variable.element_count();
+    }
+    None
+}
+
+/// A single row.
+const fn row(rows: &'static [TableRow], index: usize) -> &'static [TableRow] {
+    rows.split_at(index).1.split_at(1).0
+}
+
+/// Fails the compilation if two variables have the same name, a name is too long, or a variable
+/// depends on one that does not exist. The derive macros check the rest.
+pub const fn check<const N: usize>(scalars: &[ScalarVariable; N]) {
+    each_variable!(i, scalar in scalars => {
+        assert!(
+            scalar.last_name_length() <= MAX_NAME,
+            "a variable's name has more than 63 characters"
+        );
+        assert!(
+            scalar.position(scalar.variable.name, scalars) == i,
+            "two variables have the same name"
+        );
+        if let Some(names) = scalar.variable.initially_from {
+            each!(name in names => {
+                assert!(
+                    scalar.position(name, scalars) < N,
+                    "`initially_from` names a variable that does not exist"
+                );
+            });
+        }
+        check_dynamics(scalar, scalars);
+        check_size(scalar, scalars);
+    });
+}
+
+/// Fails the compilation if the number of elements in use of an array is no structural parameter, or may
+/// exceed the array.
+const fn check_size(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
+    let Some(size) = scalar.size_parameter(scalars) else { return };
+    assert!(size < scalars.len(), "`size` names a variable that does not exist");
+    assert!(
+        scalars[size].offset_of_size().is_some(),
+        "`size` names a variable that is not a structural parameter"
+    );
+    if let Bounds::Whole(_, max) = scalars[size].variable.bounds {
+        assert!(
+            max <= scalar.variable.element_count() as i128,
+            "a structural parameter may exceed the size of an array"
+        );
+    }
+}
+
+/// Fails the compilation if a state has no derivative, or a derivative no state.
+const fn check_dynamics(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
+    match scalar.variable.dynamics {
+        Dynamics::State => {
+            let hash = scalar.name_hash(scalar.variable.name);
+            let mut derivatives = 0;
+            each_variable!(_i, other in scalars => {
+                if let Dynamics::Derivative { of } = other.variable.dynamics
+                    && other.name_hash(of) == hash
+                {
+                    derivatives += 1;
+                }
+            });
+            assert!(derivatives == 1, "a state needs one field with #[derivative(of = ...)]");
+        }
+        Dynamics::Derivative { of } => {
+            let state = scalar.position(of, scalars);
+            assert!(state < scalars.len(), "a derivative of no variable");
+            let state = scalars[state].variable;
+            assert!(
+                matches!(state.dynamics, Dynamics::State),
+                "a derivative of a variable that is not a state"
+            );
+            assert!(
+                state.element_count() == scalar.variable.element_count(),
+                "a derivative needs as many elements as its state"
+            );
+        }
+        _ => {}
+    }
+}

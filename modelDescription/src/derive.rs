@@ -1,0 +1,41 @@
+//! What the code of the derive macros uses.
+
+pub use crate::Interface;
+pub use crate::checks::{checked, exists, number, positive, unique};
+use crate::scalar::scalar_count;
+use crate::table::AnyChoice;
+pub use crate::table::{Bounds, Declaration, Dynamics, Enumeration, Item, StartValues, TableRow};
+pub use crate::variables::{Choice, Damaged, Internal, Loader, Saver, Variables};
+pub use crate::vocabulary::{Causality, Variability};
+
+/// The elements of an array that are in use.
+#[inline(always)]
+pub fn in_use<T, const N: usize>(array: &[T; N], size: u64) -> &[T] {
+    &array[..size.min(N as u64) as usize]
+}
+
+/// Whether a number is finite: its exponent, without the sign before it, is not the largest. Compared as a
+/// whole number, since the result of a comparison of floating-point numbers is known later.
+#[inline(always)]
+pub fn is_finite<T: Copy + Into<f64>>(number: &T) -> bool {
+    (*number).into().to_bits() << 1 < f64::INFINITY.to_bits() << 1
+}
+
+/// Whether all numbers are finite; of few, as networks have, without the cost of a loop.
+#[inline(always)]
+pub fn are_finite<T: Copy + Into<f64>>(numbers: &[T]) -> bool {
+    match <&[T; 4]>::try_from(numbers) {
+        Ok(few) => few.iter().all(is_finite),
+        Err(_) => numbers.iter().all(is_finite),
+    }
+}
+
+/// The number of the first scalar of a row.
+pub const fn first(rows: &[TableRow], row: usize) -> usize {
+    scalar_count(rows.split_at(row).0)
+}
+
+/// A pointer to an item as one to an item of any type.
+pub fn item<C: Choice>(item: *mut u8) -> *mut dyn AnyChoice {
+    item.cast::<C>()
+}

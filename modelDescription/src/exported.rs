@@ -1,0 +1,75 @@
+//! The interface of an exported model, as it is read from its binary.
+
+use serde::Deserialize;
+
+use crate::variable::Variable;
+
+/// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
+/// a binary has its fields in this order.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+pub struct ExportedModel {
+    /// Name of the model and its `modelIdentifier`: a C identifier.
+    pub name: String,
+    /// Description of the model.
+    pub description: String,
+    /// Whether it has a sample time.
+    pub is_sampled: bool,
+    /// Whether it is described by differential or algebraic equations, which a host can solve.
+    pub is_continuous: bool,
+    /// Whether it has a log of its own.
+    pub has_log: bool,
+    /// Whether its state cannot be saved.
+    pub is_unsaved: bool,
+    /// Stop time and step size of the default experiment (s), which starts at 0.
+    pub default_experiment: (f64, f64),
+    /// Relative tolerance of its integrator; 0 if it has none.
+    pub tolerance: f64,
+    /// The variables, in the order of their value references.
+    pub variables: Vec<Variable>,
+    /// GUID of the interface.
+    pub guid: String,
+}
+
+impl ExportedModel {
+    /// The scalar variables: their value references, their variables, and their elements.
+    pub fn scalars(&self) -> impl Iterator<Item = (usize, &Variable, usize)> {
+        (self.variables.iter())
+            .flat_map(|v| (0..v.element_count()).map(move |element| (v, element)))
+            .map(|(v, element)| (v.reference as usize + element, v, element))
+    }
+
+    /// The number of elements of a variable that are in use by default: the start value of its
+    /// structural parameter.
+    pub fn elements_in_use(&self, v: &Variable) -> usize {
+        let is_size = |other: &&Variable| Some(other.reference as usize) == v.exported.size;
+        let start = (self.variables.iter().find(is_size)).and_then(|size| size.start.first());
+        let size = start.and_then(|size| usize::try_from(size.as_whole()?).ok());
+        size.map_or(v.element_count(), |size| size.min(v.element_count()))
+    }
+
+    /// Whether a host can solve the model by model exchange: by its equations, or at its sample instants.
+    pub fn is_for_model_exchange(&self) -> bool {
+        self.is_continuous || self.is_sampled
+    }
+
+    /// Whether the derivatives of all that a host integrates are known: of the state derivatives and
+    /// the continuous outputs.
+    pub(crate) fn has_all_derivatives(&self) -> bool {
+        let is_unknown =
+            |v: &&Variable| v.is_derivative() || v.is_continuous_output() && !v.is_state();
+        let mut unknowns = self.variables.iter().filter(is_unknown).peekable();
+        self.is_continuous
+            && unknowns.peek().is_some()
+            && unknowns.all(|v| !v.exported.depends_on.is_empty())
+    }
+
+    /// Order of the time derivatives of outputs that the FMU provides: the derivatives of states are
+    /// known. Hosts may ask for those of every output that is a real number, also of a discrete one.
+    pub(crate) fn max_output_derivative_order(&self) -> u32 {
+        let is_real = |v: &&Variable| v.is_output() && v.of_type.is_float();
+        let outputs = self.variables.iter().filter(is_real);
+        let mut outputs = outputs.peekable();
+        let is_known = outputs.peek().is_some() && outputs.all(Variable::is_state);
+        u32::from(self.is_continuous && is_known)
+    }
+}

@@ -1,0 +1,272 @@
+//! The scalar variables of a table: by their value references, and by their names.
+
+use crate::hash::Hash;
+use crate::table::{
+    Bounds, Constant, Declaration, Dynamics, MAX_DEPTH, StartValues, TableRow, each,
+};
+use crate::{Causality, Variability};
+
+/// As [`each`], over the first scalars of all variables.
+macro_rules! each_variable {
+    ($i:ident, $scalar:ident in $scalars:expr => $body:block) => {{
+        let scalars = &$scalars;
+        let mut next = 0;
+        while next < scalars.len() {
+            let ($i, $scalar) = (next, &scalars[next]);
+            next += $scalar.variable.element_count();
+            $body
+        }
+    }};
+}
+pub(crate) use each_variable;
+
+/// A scalar variable of a model: a variable, or an element of an array.
+#[derive(Debug, Clone, Copy)]
+pub struct ScalarVariable {
+    /// The variable.
+    pub variable: &'static Declaration,
+    /// Prefixes of the groups that contain it, from the outermost.
+    pub prefixes: [&'static str; MAX_DEPTH],
+    /// Index of the element in row-major order, from 0.
+    pub element: usize,
+    /// Offset of the innermost struct that contains the variable, in the outermost one, in bytes.
+    pub offset: usize,
+}
+
+impl ScalarVariable {
+    /// Offset in the outermost struct in bytes.
+    pub const fn absolute_offset(&self) -> usize {
+        self.offset + self.variable.offset + self.element * self.variable.start.element_size()
+    }
+
+    /// Offset of an `f64` in the outermost struct in bytes; `None` if it has another type.
+    pub const fn offset_of_real(&self) -> Option<usize> {
+        match self.variable.start {
+            StartValues::Float64(_) => Some(self.absolute_offset()),
+            _ => None,
+        }
+    }
+
+    /// Offset of a structural parameter, a `u64`, in the outermost struct in bytes.
+    pub const fn offset_of_size(&self) -> Option<usize> {
+        match (self.variable.causality, self.variable.start) {
+            (Causality::StructuralParameter, StartValues::UInt64(_)) => {
+                Some(self.absolute_offset())
+            }
+            _ => None,
+        }
+    }
+
+    /// The full name, such as `rbf.w[2]`.
+    pub fn name(&self) -> String {
+        let name = self.name_parts().concat();
+        element_name(&name, self.variable.dimensions, self.element)
+    }
+
+    /// Hash of a name in the group of the variable.
+    pub(crate) const fn name_hash(&self, name: &str) -> u128 {
+        let mut hash = Hash::new();
+        each!(prefix in self.prefixes => { hash = hash.prefix(prefix); });
+        hash.bytes(name.as_bytes()).0
+    }
+
+    /// Index of the first scalar of the variable with another name in the same group; the number of
+    /// scalars if there is none.
+    pub(crate) const fn position(&self, name: &str, scalars: &[Self]) -> usize {
+        let hash = self.name_hash(name);
+        each_variable!(i, other in scalars => {
+            if other.name_hash(other.variable.name) == hash {
+                return i;
+            }
+        });
+        scalars.len()
+    }
+
+    /// Index of the state of which it is the derivative; `None` if it is no derivative.
+    pub const fn state_index(&self, scalars: &[Self]) -> Option<usize> {
+        match self.variable.dynamics {
+            Dynamics::Derivative { of } => Some(self.position(of, scalars) + self.element),
+            _ => None,
+        }
+    }
+
+    /// Index of the structural parameter that is its number of elements in use; `None` if all are.
+    pub const fn size_parameter(&self, scalars: &[Self]) -> Option<usize> {
+        match self.variable.size.is_empty() {
+            true => None,
+            false => Some(self.position(self.variable.size, scalars)),
+        }
+    }
+
+    /// The number of elements of its variable that are in use if no structural parameter is changed.
+    pub const fn elements_in_use(&self, scalars: &[Self]) -> usize {
+        let count = self.variable.element_count();
+        if let Some(size) = self.size_parameter(scalars)
+            && let start = scalars[size].variable.start
+            && !start.is_empty()
+            && let Constant::Whole(size) = start.get(0)
+            && size < count as i128
+        {
+            return size as usize;
+        }
+        count
+    }
+
+    /// The parts of the name of the variable with the prefixes of its groups: `pid.kp`, `der(pid.x)`.
+    pub(crate) const fn name_parts(&self) -> [&'static str; 2 * MAX_DEPTH + 2] {
+        let mut parts = [""; 2 * MAX_DEPTH + 2];
+        let (start, name) =
+            match (self.variable.name.as_bytes(), self.variable.name.split_at_checked(4)) {
+                ([b'd', b'e', b'r', b'(', ..], Some(parts)) => parts,
+                _ => ("", self.variable.name),
+            };
+        (parts[0], parts[2 * MAX_DEPTH + 1]) = (start, name);
+        each!(i, prefix in self.prefixes => {
+            if !prefix.is_empty() {
+                (parts[2 * i + 1], parts[2 * i + 2]) = (prefix, ".");
+            }
+        });
+        parts
+    }
+
+    /// Length of the name of the variable in bytes.
+    pub(crate) const fn name_length(&self) -> usize {
+        let mut length = 0;
+        each!(part in self.name_parts() => { length += part.len(); });
+        length
+    }
+
+    /// Length of the name of the last element.
+    pub(crate) const fn last_name_length(&self) -> usize {
+        let mut length = self.name_length();
+        each!(size in self.variable.dimensions => { length += 2 + size.ilog10() as usize; });
+        length + !self.variable.dimensions.is_empty() as usize
+    }
+}
+
+/// The name of an element, with an index as FMI writes it: `w[1,2]`, `der(x[2])`; a scalar has no index.
+pub(crate) fn element_name(name: &str, dimensions: &[usize], element: usize) -> String {
+    let mut rest = element;
+    let mut indices: Vec<String> = Vec::new();
+    for length in dimensions.iter().rev() {
+        indices.insert(0, (rest % length + 1).to_string());
+        rest /= length;
+    }
+    let indices = indices.join(",");
+    match state_of(name) {
+        _ if indices.is_empty() => name.to_owned(),
+        Some(state) => format!("der({state}[{indices}])"),
+        None => format!("{name}[{indices}]"),
+    }
+}
+
+/// The name of the state in the name of a derivative.
+fn state_of(name: &str) -> Option<&str> {
+    name.strip_prefix("der(")?.strip_suffix(')')
+}
+
+/// Number of scalar variables in a table.
+pub const fn scalar_count(rows: &[TableRow]) -> usize {
+    let mut sum = 0;
+    each!(row in rows => {
+        sum += match row {
+            TableRow::Variable(field) => field.element_count(),
+            TableRow::Group { rows, .. } => scalar_count(rows),
+        };
+    });
+    sum
+}
+
+/// Calls a function with all variables of some rows and their offsets in the outermost struct, in which that of
+/// the rows is `base`.
+pub fn each_declaration(
+    rows: &'static [TableRow],
+    base: usize,
+    call: &mut dyn FnMut(&'static Declaration, usize),
+) {
+    for row in rows {
+        match row {
+            TableRow::Variable(field) => call(field, base + field.offset),
+            TableRow::Group { offset, rows, .. } => each_declaration(rows, base + offset, call),
+        }
+    }
+}
+
+/// The first scalars of all variables of a table, at their value references. `N` is [`scalar_count`] of the table. The places
+/// of other elements of arrays are without a variable: an array may have so many that the compiler would take minutes.
+pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariable; N] {
+    const NONE: &Declaration = &Declaration {
+        name: "",
+        description: "",
+        offset: 0,
+        causality: Causality::Local,
+        variability: Variability::Continuous,
+        dimensions: &[],
+        size: "",
+        start: StartValues::Boolean(&[]),
+        bounds: Bounds::None,
+        unit: "",
+        mime_type: "",
+        initially_from: None,
+        dynamics: Dynamics::Algebraic,
+        nominal: 1.0,
+        depends_on: &[],
+        has_input_derivative: false,
+        terminal: "",
+    };
+    let mut all =
+        [ScalarVariable { variable: NONE, prefixes: [""; MAX_DEPTH], element: 0, offset: 0 }; N];
+    let mut i = 0;
+    while let Some(first) = scalar_at(rows, i) {
+        all[i] = first;
+        i += first.variable.element_count();
+    }
+    all
+}
+
+/// The scalar variable with the given number.
+pub const fn scalar_at(rows: &'static [TableRow], mut index: usize) -> Option<ScalarVariable> {
+    scalar_in_group(rows, ([""; MAX_DEPTH], 0, 0), &mut index)
+}
+
+/// As [`scalar_at`], in a group with these prefixes, their number, and this offset. Subtracts the variables that come
+/// before from the index.
+const fn scalar_in_group(
+    rows: &'static [TableRow],
+    (prefixes, depth, base): ([&'static str; MAX_DEPTH], usize, usize),
+    index: &mut usize,
+) -> Option<ScalarVariable> {
+    each!(row in rows => {
+        match row {
+            TableRow::Variable(variable) if *index < variable.element_count() => {
+                return Some(ScalarVariable { variable, prefixes, element: *index, offset: base });
+            }
+            TableRow::Variable(variable) => *index -= variable.element_count(),
+            TableRow::Group { prefix, offset, rows } => {
+                assert!(depth < MAX_DEPTH, "structs are nested more than 4 deep");
+                let mut inner = prefixes;
+                inner[depth] = prefix;
+                let found = scalar_in_group(rows, (inner, depth + 1, base + *offset), index);
+                if found.is_some() {
+                    return found;
+                }
+            }
+        }
+    });
+    None
+}
+
+/// A variable of some rows with a full name of this hash, if there is one.
+pub(crate) const fn variable_with_hash(
+    rows: &'static [TableRow],
+    hash: u128,
+) -> Option<ScalarVariable> {
+    let mut i = 0;
+    while let Some(scalar) = scalar_at(rows, i) {
+        if scalar.name_hash(scalar.variable.name) == hash {
+            return Some(scalar);
+        }
+        i += scalar.variable.element_count();
+    }
+    None
+}
