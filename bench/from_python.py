@@ -46,10 +46,10 @@ def simulate(in_process: bool) -> float:
 
 def fmpy() -> float:
     """Run the loop with the FMPy master of `pendulum_fmus`."""
-    from pendulum_fmus.master import Component, System, simulate
+    from pendulum_fmus.master import Component, FmpySystem, simulate
 
     fmus, links = loop()
-    with System([Component(name, file) for name, file in fmus.items()], links) as system:
+    with FmpySystem([Component(name, file) for name, file in fmus.items()], links) as system:
         begin = time.perf_counter_ns()
         simulate(system, 0.0, STEP, COUNT, order="parallel", record=["plant.theta"])
         return (time.perf_counter_ns() - begin) / COUNT

@@ -23,7 +23,7 @@ from typing import Any, Self
 import fmpy
 from fmpy.model_description import ModelVariable
 
-from pendulum_fmus.master import Component, System, simulate
+from pendulum_fmus.master import Component, FmpySystem, simulate
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
 BENCH = ROOT / "bench"
@@ -562,7 +562,7 @@ def by_fmpy(steps: int) -> float:
         Component("plant", FMUS / "Pendulum.fmu"),
     ]
     connections = [("plant.theta", "controller.y"), ("controller.u", "plant.u")]
-    with System(components, connections) as system:
+    with FmpySystem(components, connections) as system:
         begin = time.perf_counter_ns()
         simulate(system, 0.001, 0.001, steps, record=["controller.e"])
         return time.perf_counter_ns() - begin

@@ -23,7 +23,7 @@ def test_the_library_is_unloaded_after_use(fmus):
 
     for _ in range(3):
         with Component("plant", fmus / "Pendulum.fmu") as component:
-            library = component.slave.dll._name
+            library = component.fmu.dll._name
             component.initialize(0.0)
             component.step(0.0, H)
             assert is_mapped()
@@ -51,7 +51,7 @@ def test_divergence_is_reported_and_a_reset_recovers(
         component.set(name, value)
     with pytest.raises(MasterError, match=rf"status 3: .*from t = 0.001 s .*{reason}"):
         component.step(H, step)
-    component.slave.reset()
+    component.fmu.reset()
     for name in inputs:
         component.set(name, 0.0)  # not what the master remembers
     component.initialize(0.0)
@@ -63,7 +63,7 @@ def test_the_transfer_function_samples_a_ramp_of_the_force(instance):
     plant = instance("Pendulum", {"dynamics": "transfer_function"})
     plant.set("u", 2.0)
     samples, slope = 50, 40.0
-    plant.slave.setRealInputDerivatives([plant.variable("u").valueReference], [1], [slope])
+    plant.fmu.setRealInputDerivatives([plant.variable("u").valueReference], [1], [slope])
     plant.step(0.0, samples * H)
     forces = 2.0 + slope * H * np.arange(samples)
     expected = lfilter(*reference.difference_equation(), [*forces, 0.0])[-1]

@@ -11,7 +11,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from native import ROOT, read, run, simulate
-from pendulum_fmus.fmi import take_logger
 
 OWN = ROOT / "examples" / "own-fmu"
 
@@ -189,7 +188,6 @@ def test_messages_of_a_model_reach_the_logger(ending: str, equations: Path) -> N
             logger=lambda *arguments: messages.append(arguments[-3:]),
             debug_logging=is_debugged,
         )
-        take_logger()
         said = [(status, name.decode()) for status, name, text in messages if b" t = " in text]
         assert (1, "logStatusWarning") in said
         assert ((0, "logModel") in said) == is_debugged

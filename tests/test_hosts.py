@@ -25,7 +25,7 @@ import needs
 from native import SECONDS, SOURCES, new_package, shell
 from pendulum_fmus import loop
 from pendulum_fmus.loop import TS
-from pendulum_fmus.master import Component, System, simulate
+from pendulum_fmus.master import Component, FmpySystem, simulate
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
 CROSS = FMUS.parent / "cross"
@@ -292,10 +292,10 @@ def simulated(controller: str, fmus: Path) -> tuple[list[tuple[str, list[str]]],
     return components, results
 
 
-def words(system: System, component: Component) -> list[str]:
+def words(system: FmpySystem, component: Component) -> list[str]:
     """Return kind, parameters, links and outputs of a simulated component."""
     names = list(system.components)
-    fmu = component.slave
+    fmu = component.fmu
     getters = {"r": fmu.getReal, "i": fmu.getInteger, "b": fmu.getBoolean}
     parameters = [
         f"{letter(v)}{v.valueReference}={float(value)!r}"

@@ -1,4 +1,4 @@
-"""The FMPy master: its script, errors, systems of FMUs of both versions, and other masters."""
+"""The FMPy master: its script, and systems of FMUs of both versions."""
 
 import csv
 import math
@@ -15,7 +15,7 @@ import pytest
 
 from pendulum_fmus import loop, master, run
 from pendulum_fmus.loop import TS, Loop
-from pendulum_fmus.master import Component, MasterError, System, simulate, steps_until
+from pendulum_fmus.master import Component, FmpySystem, MasterError, simulate
 from pendulum_fmus.project import ROOT
 
 # --- the script ---------------------------------------------------------------------------------
@@ -103,11 +103,10 @@ BAD_INPUT = [
     (["--fmi3", "robot"], "no component 'robot'"),
     (["--set", "pid.kp"], "component.variable=value"),
     (["--set", "robot.kp=1"], "no component 'robot'"),
-    (["--set", "controller.pid.kpp=1"], "did you mean pid.kp"),
-    (["--set", "controller.pid.kp=high"], "a number is expected"),
-    (["--set", "controller.previous_sample_terms=maybe"], "true or false is expected"),
-    (["--set", "plant.dynamics=cubic"], "one of transfer_function, linear, nonlinear"),
-    (["--set", "controller.u=1"], "only inputs and parameters can be set"),
+    (["--set", "controller.pid.kpp=1"], "IpidRbf.fmu has no variable pid.kpp"),
+    (["--set", "controller.pid.kp=high"], "pid.kp = high: could not convert"),
+    (["--set", "controller.previous_sample_terms=maybe"], "previous_sample_terms = maybe: invalid"),
+    (["--set", "plant.dynamics=cubic"], "dynamics = cubic: invalid"),
     (["--set", "plant.M=-1"], "M = -1"),
     (["--csv", "missing/out.csv"], "missing/out.csv cannot be written: No such file"),
     (["--csv", "."], ". cannot be written: Is a directory"),
@@ -144,7 +143,7 @@ def test_a_failed_run_keeps_the_old_csv_and_a_device_stays_one(script, tmp_path)
 
 def test_the_example_in_the_docstring_balances_the_pendulum(fmus, monkeypatch):
     monkeypatch.chdir(ROOT)
-    example = master.__doc__.split("communication step.\n\n")[1].split("\n\nThere are two")[0]
+    example = master.__doc__.split("`fmu_master`.\n\n")[1].split("\n\nThere are two")[0]
     namespace = dict(vars(master))
     exec(textwrap.dedent(example).replace("target/fmu", str(fmus)), namespace)
     theta = namespace["results"]["plant.theta"]
@@ -163,48 +162,6 @@ def test_closing_removes_the_unzipped_files(fmus, tmp_path, monkeypatch):
     with pytest.raises(MasterError, match=r"no variable M2"):
         Loop("Pid", overrides=(("plant.M2", 1.0),)).system(fmus)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_wrong_connections_and_records_are_rejected(fmus):
-    right = ("plant.theta", "controller.y")
-    with (
-        Component("plant", fmus / "Pendulum.fmu") as plant,
-        Component("controller", fmus / "Pid.fmu") as controller,
-    ):
-        for connections, message in (
-            ([("plant.theta", "robot.y")], "no component 'robot'"),
-            ([("plant.thetta", "controller.y")], "did you mean theta"),
-            ([("plant.u", "controller.y")], "plant.u is connected as an output"),
-            ([("plant.theta", "controller.u")], "controller.u is connected as an input"),
-            ([right, ("plant.x", "controller.y")], "connected twice"),
-        ):
-            with pytest.raises(MasterError, match=message):
-                System([controller, plant], connections)
-        with pytest.raises(MasterError, match="order is 'jacobi'; sequential or parallel is"):
-            simulate(System([plant], []), 0.0, 0.001, 1, order="jacobi")
-        with pytest.raises(MasterError, match="a list of names is expected"):
-            simulate(System([controller, plant], [right]), TS, TS, 1, record="plant.theta")
-
-
-@pytest.mark.parametrize("fmi3", [(), ("all",)], ids=["2.0", "3.0"])
-def test_a_system_is_simulated_again_from_what_was_set(fmus, fmi3):
-    sizes = (("controller.rbf.nodes", 4),) if fmi3 else ()
-    given = {"w0": (0.0, 1.0, 0.0, 0.0), "overrides": sizes, "fmi3": fmi3}
-    with Loop("PidRbf", **given).system(fmus) as system:
-        first, again = (simulate(system, TS, TS, 50) for _ in range(2))
-        system.components["controller"].set("pid.kp", 100.0)
-        changed = simulate(system, TS, TS, 50)
-    assert all(first[name].tobytes() == again[name].tobytes() for name in first)
-    assert changed["controller.u_p"][1] != first["controller.u_p"][1]
-
-
-def test_variables_of_all_types_are_recorded(fmus):
-    record = ["controller.previous_sample_terms", "source.signal", "plant.theta"]
-    with Loop("Pid", "sine", previous_sample_terms=True).system(fmus) as system:
-        results = simulate(system, TS, TS, 3, record=record)
-    assert results[record[0]].tolist() == [True] * 3
-    assert results[record[1]].tolist() == [2] * 3  # the second item of step, sine, square
-    assert results[record[2]].dtype == float
 
 
 @pytest.mark.parametrize("fmi3", [(), ("all",)], ids=["2.0", "3.0"])
@@ -233,10 +190,10 @@ def test_settling_time_is_the_last_entry_into_the_band():
 
 
 def test_the_last_communication_point_is_not_after_the_stop_time():
-    assert steps_until(20, 0.001, 0.001) == 20000
-    assert steps_until(0.001, 0.001, 0.001) == 1
-    assert steps_until(1, 0, 1 / 1024) == 1025
-    assert steps_until(1, 0, 0.3) == 4
+    assert run.steps_until(20, 0.001, 0.001) == 20000
+    assert run.steps_until(0.001, 0.001, 0.001) == 1
+    assert run.steps_until(1, 0, 1 / 1024) == 1025
+    assert run.steps_until(1, 0, 0.3) == 4
 
 
 # --- arrays and structural parameters of FMI 3.0 ------------------------------------------------
@@ -245,10 +202,10 @@ def test_the_last_communication_point_is_not_after_the_stop_time():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"rbf.nodes": 6, "rbf.w0[5]": 1.0}, r"rbf\.w0\[6\] needs a value, too"),
+        ({"rbf.nodes": 6, "rbf.w0[5]": 1.0}, r"rbf\.w0\[6\] = None: "),
         *(({"rbf.nodes": n}, r"rbf\.nodes") for n in (0, 17, -1, 2**64, 4.5, "many")),
-        ({"rbf.w0[5]": 1.0}, r"no variable rbf\.w0\[5\]; did you mean rbf\.w0\[\d\]"),
-        ({"rbf.w0": 1.0}, r"no variable rbf\.w0; did you mean rbf\.w0\[\d\]"),
+        ({"rbf.w0[5]": 1.0}, r"no variable rbf\.w0\[5\]"),
+        ({"rbf.w0": 1.0}, r"no variable rbf\.w0$"),
         ({"rbf.b[2]": -1.0}, r"fmi3SetFloat64 returned status \d: .*rbf\.b"),
     ],
 )
@@ -266,7 +223,7 @@ def test_elements_of_arrays_are_set_connected_and_recorded_as_variables_of_fmi_2
         plant = Component("plant", fmus / f"Pendulum{ending}.fmu", {"theta0": 0.1})
         connections = [("controller.rbf.w[3]", "plant.u"), ("plant.theta", "controller.y")]
         record = ["controller.rbf.w[3]", "plant.v", "controller.rbf.h[1]", "controller.rbf.w[1]"]
-        with System([controller, plant], connections) as system:
+        with FmpySystem([controller, plant], connections) as system:
             return simulate(system, TS, TS, 100, record=record)
 
     columns, expected = run("_fmi3"), run("")

@@ -13,7 +13,7 @@ import fmpy
 import pytest
 
 from native import call, prepare, read, read_csv, started
-from pendulum_fmus.master import Component, MasterError, System, simulate
+from pendulum_fmus.master import Component, FmpySystem, MasterError, simulate
 from pendulum_fmus.project import PROGRAM, ROOT
 
 OWN = ROOT / "tests" / "data" / "own"
@@ -76,7 +76,7 @@ def test_the_loop_of_a_new_package_closes_in_the_native_master_and_in_fmpy(
     native = read_csv(csv)
     controller = exported / "MyController.fmu", {"r": 100.0}
     plant = exported / "MyControllerPlant.fmu"
-    with System(
+    with FmpySystem(
         [Component("controller", *controller, sampled=True), Component("plant", plant)],
         [("plant.y", "controller.y"), ("controller.u", "plant.u")],
     ) as system:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pendulum_fmus.loop import TS, Loop
-from pendulum_fmus.master import Component, System, simulate
+from pendulum_fmus.master import Component, FmpySystem, simulate
 from pendulum_fmus.project import FMUS, ROOT
 from pendulum_fmus.report.figure import thinned
 
@@ -98,7 +98,7 @@ def draw(time: np.ndarray, ticks: Iterable[float], panels: Sequence[Panel], abou
     return "\n".join([f"<svg {head}>", *parts, "</svg>\n"])
 
 
-def run(system: System, start: float, stop: float) -> Columns:
+def run(system: FmpySystem, start: float, stop: float) -> Columns:
     """Co-simulate at 1 ms in sequential order."""
     with system:
         return simulate(system, start=start, step=TS, steps=round((stop - start) / TS) + 1)
@@ -132,7 +132,7 @@ def pendulum() -> str:
         plant = Component("plant", FMUS / "Pendulum.fmu", {"theta0": 0.5, "dynamics": model})
         controller = Component("controller", FMUS / "Pid.fmu", sampled=True)
         links = [("plant.theta", "controller.y"), ("controller.u", "plant.u")]
-        loops[model] = run(System([controller, plant], links), 0.0, 5.0)
+        loops[model] = run(FmpySystem([controller, plant], links), 0.0, 5.0)
     angles, positions = (
         {f"{name}, {model}": results[f"plant.{name}"] for model, results in loops.items()}
         for name in ("theta", "x")
@@ -151,7 +151,9 @@ def source() -> str:
     results = {}
     for form, frequency in (("square", 0.1), ("sine", 0.2), ("step", 0.2)):
         start = {"signal": form, "frequency": frequency, "disturbance.amplitude": 1.0}
-        results[form] = run(System([Component("source", FMUS / "Source.fmu", start)], []), 0, 20)
+        results[form] = run(
+            FmpySystem([Component("source", FMUS / "Source.fmu", start)], []), 0, 20
+        )
     square = results["square"]
     panels = [
         Panel("r [rad]", -1.1, 1.1, (-1, 0, 1), {f: of["source.r"] for f, of in results.items()}),

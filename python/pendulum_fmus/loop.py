@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from .master import Component, MasterError, System, simulate
-from .project import FMUS, REPORT
+from .master import Component, FmpySystem, MasterError, simulate
+from .project import FMUS, REPORT, SENSOR
 
 TS = 0.001
 """Sample time of the paper's controllers [s]."""
@@ -133,18 +133,29 @@ class Loop:
         new = models if "all" in self.fmi3 else self.fmi3
         return {name: f"{model}{'_fmi3' * (name in new)}.fmu" for name, model in models.items()}
 
-    def system(self, fmus: str | os.PathLike = FMUS) -> System:
+    def system(self, fmus: str | os.PathLike = FMUS) -> FmpySystem:
         """Instantiate the FMUs of a folder; if one fails, the earlier ones are freed."""
         files, starts = self.files(), self.starts()
         with ExitStack() as stack:
             components = []
             for name, model in self.models().items():
                 sampled = model in PREVIOUS_SAMPLE_TERMS
-                part = Component(name, Path(fmus) / files[name], starts[name], sampled=sampled)
+                path = exported(Path(fmus) / files[name])
+                part = Component(name, path, starts[name], sampled=sampled)
                 components.append(stack.enter_context(part))
-            system = System(components, self.connections())
+            system = FmpySystem(components, self.connections())
             stack.pop_all()
         return system
+
+
+def exported(path: Path) -> Path:
+    """Return the path of an FMU; if there is none, say how to export it."""
+    if not path.is_file():
+        command = "cargo fmu export" + " --fmi 3.0" * path.stem.endswith("_fmi3")
+        command = "make fmus" if path == SENSOR else command
+        remedy = f"run `{command}` first, or name the folder of the FMUs"
+        raise MasterError(f"{path} does not exist; {remedy}")
+    return path
 
 
 def _closed(controller: str, plant: str) -> list[tuple[str, str]]:

@@ -9,10 +9,11 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+from fmpy.model_description import ModelVariable
 
 from . import loop
 from .loop import PREVIOUS_SAMPLE_TERMS, SETTLING_BAND, TS, Loop, settling_time
-from .master import ORDERS, MasterError, simulate, steps_until
+from .master import ORDERS, MasterError, simulate
 
 EXAMPLES = """\
 examples:
@@ -31,6 +32,9 @@ examples:
 
 A negative number in scientific notation needs an equals sign: --disturbance=-1e-3
 """
+
+MAX_STEPS = 10**7
+"""Maximum number of steps; more are assumed to be a mistake in `step` or `stop`."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -88,6 +92,18 @@ def _assignment(text: str) -> tuple[str, str]:
     return name, value
 
 
+def steps_until(stop: float, start: float, step: float) -> int:
+    """Return the number of communication points start + k step up to `stop` [s]."""
+    if not (math.isfinite(start) and math.isfinite(stop) and stop >= start):
+        raise MasterError(f"the stop time {stop} s is before the start time {start} s")
+    if not 0 < step < math.inf:
+        raise MasterError(f"the step {step} s is not a positive number")
+    steps = (stop - start) / step
+    if steps > MAX_STEPS:
+        raise MasterError(f"{steps:.3g} steps are too many; at most {MAX_STEPS} are allowed")
+    return math.floor(steps + 1e-6) + 1
+
+
 def loop_of(options: argparse.Namespace) -> Loop:
     """Return the loop that the options describe; they are named like its fields."""
     values = {f.name: vars(options)[f.name] for f in fields(Loop) if f.name in options}
@@ -106,11 +122,18 @@ def run(options: argparse.Namespace) -> bool:
             system, options.start, options.step, steps, order=options.order, progress=True
         )
         if options.csv:
-            write_csv(options.csv, results, ["s", *map(system.unit, system.outputs())])
+            located = map(system.locate, list(results)[1:])
+            units = (unit(component.variable(name)) for component, name in located)
+            write_csv(options.csv, results, ["s", *units])
     print(summary(results, options.signal))
     if options.csv:
         print(f"wrote {options.csv}: {steps} row{'s' * (steps != 1)}")
     return True
+
+
+def unit(variable: ModelVariable) -> str:
+    """Return the unit of a variable, "" if it has none."""
+    return variable.unit or getattr(variable.declaredType, "unit", None) or ""
 
 
 def write_csv(path: Path, results: Mapping[str, np.ndarray], units: Iterable[str]) -> None:

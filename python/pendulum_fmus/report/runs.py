@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import table1
-from ..loop import TS, Columns, Loop, run_all
+from ..loop import TS, Columns, Loop, exported, run_all
 from ..master import MasterError
 from ..project import FMUS, SENSOR
 
@@ -239,9 +239,4 @@ def _system(loop: Loop, fmus: Path) -> Any:
 
 def _fmu(model: str, fmus: Path) -> Path:
     """Return the absolute path of an FMU, which exists."""
-    path, command = fmus / f"{model}.fmu", "cargo fmu export"
-    if model == "Sensor":
-        path, command = SENSOR, "make fmus"
-    if not path.is_file():
-        raise MasterError(f"{path} does not exist; run `{command}` first")
-    return path.resolve()
+    return exported(SENSOR if model == "Sensor" else fmus / f"{model}.fmu").resolve()
