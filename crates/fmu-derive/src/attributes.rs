@@ -9,10 +9,9 @@ use syn::meta::ParseNestedMeta;
 use syn::parse::ParseStream;
 use syn::punctuated::Punctuated;
 use syn::spanned::Spanned;
-use syn::{Attribute, Error, LitStr, Result, Token, parenthesized};
+use syn::{Attribute, Error, Ident, LitStr, Result, Token, parenthesized};
 
 use crate::expression::Expression;
-use crate::field::literal;
 
 /// What a field is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,10 +66,10 @@ const ROLES: [(&str, Role); 11] = [
 ];
 
 /// An option: its name, and the function that reads its value.
-type Known = (&'static str, fn(&ParseNestedMeta<'_>) -> Result<Value>);
+type KnownOption = (&'static str, fn(&ParseNestedMeta<'_>) -> Result<OptionValue>);
 
 /// The value of an option.
-pub enum Value {
+pub enum OptionValue {
     Flag,
     Text(LitStr),
     Expression(Expression),
@@ -79,7 +78,7 @@ pub enum Value {
 }
 
 /// The options of `#[model(...)]`, `#[variables(...)]` and `#[choice(...)]`.
-pub const MODEL: (&str, &[Known]) = (
+pub const MODEL: (&str, &[KnownOption]) = (
     "model",
     &[
         ("name", text),
@@ -92,11 +91,12 @@ pub const MODEL: (&str, &[Known]) = (
         ("crate", expression),
     ],
 );
-pub const VARIABLES: (&str, &[Known]) = ("variables", &[("crate", expression), ("default", flag)]);
-pub const CHOICE: (&str, &[Known]) = ("choice", &[("name", text), ("crate", expression)]);
+pub const VARIABLES: (&str, &[KnownOption]) =
+    ("variables", &[("crate", expression), ("default", flag)]);
+pub const CHOICE: (&str, &[KnownOption]) = ("choice", &[("name", text), ("crate", expression)]);
 
 /// The options of fields, and the roles that have them.
-const OF_FIELDS: &[(Known, &[Role])] = &[
+const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("of", name), &[Derivative]),
     (("name", text), NAMED),
     (("description", text), DESCRIBED),
@@ -127,11 +127,14 @@ const RARE: [&str; 2] = ["mime_type", "size"];
 
 /// The options that are given: name, place and value.
 #[derive(Default)]
-pub struct Options(Vec<(&'static str, Span, Value)>);
+pub struct Options(Vec<(&'static str, Span, OptionValue)>);
 
 impl Options {
     /// The options of a struct, an enum or a variant.
-    pub fn of(attributes: &[Attribute], (name, known): (&str, &[Known])) -> Result<Self> {
+    pub fn from_attributes(
+        attributes: &[Attribute],
+        (name, known): (&str, &[KnownOption]),
+    ) -> Result<Self> {
         let names = || known.iter().map(|(name, _)| *name).collect::<Vec<_>>();
         let expected = || format!("unknown option; expected {}", either(&names()));
         let mut options = Self::default();
@@ -159,8 +162,8 @@ impl Options {
             if attribute.meta.require_path_only().is_ok() {
                 continue;
             }
-            let of_role = OF_FIELDS.iter().filter(|(_, roles)| roles.contains(role));
-            let known: Vec<Known> = of_role.map(|(known, _)| *known).collect();
+            let of_role = FIELD_OPTIONS.iter().filter(|(_, roles)| roles.contains(role));
+            let known: Vec<KnownOption> = of_role.map(|(known, _)| *known).collect();
             let expected = || {
                 let names = known.iter().map(|(name, _)| *name);
                 let names: Vec<_> = names.filter(|name| !RARE.contains(name)).collect();
@@ -178,7 +181,7 @@ impl Options {
     fn read(
         &mut self,
         meta: &ParseNestedMeta<'_>,
-        known: &[Known],
+        known: &[KnownOption],
         expected: &dyn Fn() -> String,
     ) -> Result<()> {
         let found = known.iter().find(|(name, _)| meta.path.is_ident(name));
@@ -190,43 +193,43 @@ impl Options {
         Ok(())
     }
 
-    fn find(&self, option: &str) -> Option<&(&'static str, Span, Value)> {
+    fn given(&self, option: &str) -> Option<&(&'static str, Span, OptionValue)> {
         self.0.iter().find(|(name, ..)| *name == option)
     }
 
     /// Where an option is given.
-    pub fn place(&self, option: &str) -> Option<Span> {
-        self.find(option).map(|(_, place, _)| *place)
+    pub fn span(&self, option: &str) -> Option<Span> {
+        self.given(option).map(|(_, place, _)| *place)
     }
 
     pub fn has(&self, option: &str) -> bool {
-        self.find(option).is_some()
+        self.given(option).is_some()
     }
 
     pub fn text(&self, option: &str) -> Option<&LitStr> {
-        match self.find(option) {
-            Some((.., Value::Text(text))) => Some(text),
+        match self.given(option) {
+            Some((.., OptionValue::Text(text))) => Some(text),
             _ => None,
         }
     }
 
     pub fn expression(&self, option: &str) -> Option<&Expression> {
-        match self.find(option) {
-            Some((.., Value::Expression(expression))) => Some(expression),
+        match self.given(option) {
+            Some((.., OptionValue::Expression(expression))) => Some(expression),
             _ => None,
         }
     }
 
     pub fn names(&self, option: &str) -> &[LitStr] {
-        match self.find(option) {
-            Some((.., Value::Names(names))) => names,
+        match self.given(option) {
+            Some((.., OptionValue::Names(names))) => names,
             _ => &[],
         }
     }
 
     pub fn derivatives(&self) -> &[(LitStr, Expression)] {
-        match self.find("derivative_by") {
-            Some((.., Value::Derivatives(derivatives))) => derivatives,
+        match self.given("derivative_by") {
+            Some((.., OptionValue::Derivatives(derivatives))) => derivatives,
             _ => &[],
         }
     }
@@ -238,29 +241,29 @@ impl Options {
     }
 }
 
-fn flag(_: &ParseNestedMeta<'_>) -> Result<Value> {
-    Ok(Value::Flag)
+fn flag(_: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    Ok(OptionValue::Flag)
 }
 
-fn text(meta: &ParseNestedMeta<'_>) -> Result<Value> {
-    Ok(Value::Text(meta.value()?.parse()?))
+fn text(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    Ok(OptionValue::Text(meta.value()?.parse()?))
 }
 
-fn expression(meta: &ParseNestedMeta<'_>) -> Result<Value> {
-    Ok(Value::Expression(meta.value()?.parse()?))
+fn expression(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    Ok(OptionValue::Expression(meta.value()?.parse()?))
 }
 
-fn name(meta: &ParseNestedMeta<'_>) -> Result<Value> {
-    Ok(Value::Text(quoted_or_not(meta.value()?)?))
+fn name(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    Ok(OptionValue::Text(quoted_or_not(meta.value()?)?))
 }
 
 /// The name of a terminal and of a member, separated by a period.
-fn terminal(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+fn terminal(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     let names: LitStr = meta.value()?.parse()?;
     let text = names.value();
     let is_name = |(terminal, member)| is_identifier(terminal) && is_identifier(member);
     match text.split_once('.').is_some_and(is_name) {
-        true => Ok(Value::Text(names)),
+        true => Ok(OptionValue::Text(names)),
         false => error(
             names,
             format!("{text:?} is not the name of a terminal and of a member, such as \"loop.u\""),
@@ -269,15 +272,15 @@ fn terminal(meta: &ParseNestedMeta<'_>) -> Result<Value> {
 }
 
 /// `("name", "name")`
-fn names(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+fn names(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     let list;
     parenthesized!(list in meta.input);
     let names = Punctuated::<LitStr, Token![,]>::parse_terminated(&list)?;
-    Ok(Value::Names(names.into_iter().collect()))
+    Ok(OptionValue::Names(names.into_iter().collect()))
 }
 
 /// `(name = expression, name = expression)`
-fn derivatives(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+fn derivatives(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     let list;
     parenthesized!(list in meta.input);
     let one = |input: ParseStream<'_>| {
@@ -291,7 +294,7 @@ fn derivatives(meta: &ParseNestedMeta<'_>) -> Result<Value> {
         return Err(list.error(what));
     }
     let all = list.parse_terminated(one, Token![,])?;
-    Ok(Value::Derivatives(all.into_iter().collect()))
+    Ok(OptionValue::Derivatives(all.into_iter().collect()))
 }
 
 /// A name in quotes, or without if it is an identifier.
@@ -299,7 +302,13 @@ fn quoted_or_not(input: ParseStream<'_>) -> Result<LitStr> {
     if input.peek(LitStr) {
         return input.parse();
     }
-    Ok(literal(&input.parse()?))
+    Ok(ident_name(&input.parse()?))
+}
+
+/// An identifier as a name, without `r#`.
+pub fn ident_name(ident: &Ident) -> LitStr {
+    let name = ident.to_string();
+    LitStr::new(name.strip_prefix("r#").unwrap_or(&name), ident.span())
 }
 
 fn quoted(names: &[&str]) -> Vec<String> {
@@ -315,7 +324,7 @@ fn either(names: &[&str]) -> String {
 }
 
 /// All results, or the mistakes in all of them.
-pub fn all<T>(results: impl IntoIterator<Item = Result<T>>) -> Result<Vec<T>> {
+pub fn all_or_errors<T>(results: impl IntoIterator<Item = Result<T>>) -> Result<Vec<T>> {
     let (mut all, mut errors) = (Vec::new(), None::<Error>);
     for result in results {
         match (result, &mut errors) {

@@ -6,24 +6,24 @@ use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Fields, LitStr, Result, Variant};
 
-use crate::attributes::{CHOICE, Options, all, error};
-use crate::field::{described, identifier, literal};
-use crate::generate::at;
+use crate::attributes::{CHOICE, Options, all_or_errors, error, ident_name};
+use crate::expression::respan;
+use crate::field::{identifier, required_description};
 
 /// Implements `Choice`.
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let ident = &input.ident;
     let Data::Enum(data) = &input.data else { return error(ident, "expected an enum") };
-    let options = Options::of(&input.attrs, CHOICE)?;
+    let options = Options::from_attributes(&input.attrs, CHOICE)?;
     let name = options.text("name").cloned();
-    let name = identifier(name.unwrap_or_else(|| literal(ident)))?;
-    let description = described(&input.attrs, ident)?;
+    let name = identifier(name.unwrap_or_else(|| ident_name(ident)))?;
+    let description = required_description(&input.attrs, ident)?;
     // Without discriminants, Rust counts from 0, and FMI tools from 1.
     let base = i32::from(data.variants.iter().all(|v| v.discriminant.is_none()));
     let (krate, mut names) = (options.krate(), HashSet::new());
     let items = data.variants.iter();
     let items = items.map(|variant| item(variant, base, &mut names, &krate));
-    let items = all(items)?;
+    let items = all_or_errors(items)?;
     let variants: Vec<_> = data.variants.iter().map(|variant| &variant.ident).collect();
     let [first, ..] = &*variants else { return error(ident, "expected at least one variant") };
     let from_number = quote! {
@@ -42,7 +42,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
 /// The implementation for a type whose derive failed, so that the compiler reports the mistake alone. Its
 /// functions are never called.
 pub fn stub(input: &DeriveInput) -> TokenStream {
-    let krate = Options::of(&input.attrs, CHOICE).unwrap_or_default().krate();
+    let krate = Options::from_attributes(&input.attrs, CHOICE).unwrap_or_default().krate();
     let item = quote!(#krate::derive::Item { value: 1, name: "", description: "" });
     let bodies = [(); 3].map(|()| quote!(::core::unreachable!()));
     implementation(input, &krate, (quote!(""), quote!("")), &[item], 1, bodies)
@@ -88,15 +88,15 @@ fn item(
     if !matches!(variant.fields, Fields::Unit) {
         return error(&variant.fields, "expected a variant without fields");
     }
-    let options = Options::of(&variant.attrs, CHOICE)?;
-    let default = LitStr::new(&snake_case(&literal(ident).value()), ident.span());
+    let options = Options::from_attributes(&variant.attrs, CHOICE)?;
+    let default = LitStr::new(&snake_case(&ident_name(ident).value()), ident.span());
     let name = identifier(options.text("name").cloned().unwrap_or(default))?;
     if !names.insert(name.value()) {
         return error(&name, format!("two items have the name {:?}", name.value()));
     }
-    let description = described(&variant.attrs, ident)?;
+    let description = required_description(&variant.attrs, ident)?;
     let value = quote!(#krate::derive::number(Self::#ident as i128 + #base as i128));
-    let value = at(ident.span(), value);
+    let value = respan(ident.span(), value);
     Ok(quote!(#krate::derive::Item { value: #value, name: #name, description: #description }))
 }
 

@@ -1,13 +1,11 @@
 //! Expressions in attributes, as far as the macros look into them: literals, and arrays.
 
-use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
+use proc_macro2::{Delimiter, Group, Span, TokenStream, TokenTree};
 use quote::{ToTokens, quote};
 use syn::parse::{Parse, ParseStream, Parser};
 use syn::punctuated::Punctuated;
 use syn::spanned::Spanned;
 use syn::{Lit, LitFloat, Result, Token};
-
-use crate::generate::at;
 
 /// An expression.
 #[derive(Clone)]
@@ -42,20 +40,20 @@ impl Parse for Expression {
         }
         match tokens.is_empty() {
             true => Err(input.error("expected an expression")),
-            false => Ok(Self::of(tokens)),
+            false => Ok(Self::from_tokens(tokens)),
         }
     }
 }
 
 impl Expression {
-    fn of(tokens: TokenStream) -> Self {
+    fn from_tokens(tokens: TokenStream) -> Self {
         let mut trees = tokens.clone().into_iter();
         let form = match (trees.next(), trees.next()) {
             (Some(TokenTree::Group(group)), None) => match group.delimiter() {
                 // Invisible parentheses, which `macro_rules!` adds.
-                Delimiter::None => return Self::of(group.stream()),
-                Delimiter::Parenthesis => Self::of(group.stream()).form,
-                Delimiter::Bracket => of_brackets(group.stream()).unwrap_or(Form::Other),
+                Delimiter::None => return Self::from_tokens(group.stream()),
+                Delimiter::Parenthesis => Self::from_tokens(group.stream()).form,
+                Delimiter::Bracket => bracket_form(group.stream()).unwrap_or(Form::Other),
                 Delimiter::Brace => Form::Other,
             },
             _ => syn::parse2(tokens.clone()).map_or(Form::Other, Form::Literal),
@@ -99,7 +97,7 @@ impl Expression {
     /// The value of an option, which the compiler checks to be positive.
     pub fn positive(&self, option: &str, krate: &TokenStream) -> TokenStream {
         let (value, message) = (self.real(), format!("`{option}` is "));
-        at(self.span(), quote!(#krate::positive(#value, #message)))
+        respan(self.span(), quote!(#krate::positive(#value, #message)))
     }
 
     /// The author's tokens in invisible parentheses, between which they keep their places: the compiler checks code
@@ -109,13 +107,31 @@ impl Expression {
     }
 }
 
+/// Moves tokens to a place in the author's code, where the compiler shows errors. All of them must be there, since
+/// it shows an expression whose tokens are at different places at the derive macro. Tokens in invisible parentheses
+/// stay where they are: see [`Expression::authored`].
+pub fn respan(span: Span, tokens: TokenStream) -> TokenStream {
+    let here = Span::call_site().located_at(span);
+    let moved = tokens.into_iter().map(|mut token| {
+        if let TokenTree::Group(group) = &token {
+            if group.delimiter() == Delimiter::None {
+                return token;
+            }
+            token = Group::new(group.delimiter(), respan(span, group.stream())).into();
+        }
+        token.set_span(here);
+        token
+    });
+    moved.collect()
+}
+
 /// The form of what is between brackets.
-fn of_brackets(inner: TokenStream) -> Option<Form> {
+fn bracket_form(inner: TokenStream) -> Option<Form> {
     let trees: Vec<TokenTree> = inner.clone().into_iter().collect();
     let is_semicolon = |tree: &TokenTree| matches!(tree, TokenTree::Punct(p) if p.as_char() == ';');
     if let Some(at) = trees.iter().position(is_semicolon) {
         let part = |trees: &[TokenTree]| trees.iter().cloned().collect();
-        let element = Expression::of(part(&trees[..at]));
+        let element = Expression::from_tokens(part(&trees[..at]));
         return Some(Form::Repeat(Box::new(element), part(&trees[at + 1..])));
     }
     let elements = Punctuated::<Expression, Token![,]>::parse_terminated;

@@ -6,7 +6,7 @@ use proc_macro2::{Span, TokenStream};
 use quote::ToTokens;
 use syn::{Attribute, Expr, ExprLit, GenericArgument, Ident, Lit, LitStr, Meta, Result, Type};
 
-use crate::attributes::{Options, Role, error};
+use crate::attributes::{Options, Role, error, ident_name};
 use crate::expression::{Expression, Form};
 
 /// A field.
@@ -35,13 +35,13 @@ macro_rules! types {
 fmu_description::types!(types!);
 
 impl Field {
-    pub fn of(field: &syn::Field, krate: &TokenStream) -> Result<Self> {
+    pub fn new(field: &syn::Field, krate: &TokenStream) -> Result<Self> {
         let (role, options) = Options::of_field(field)?;
         let Some(ident) = field.ident.clone() else {
             return error(field, "expected a field with a name");
         };
         let mut found = Self {
-            name: literal(&ident),
+            name: ident_name(&ident),
             description: String::new(),
             of_type: FmiType::Clock,
             row: 0,
@@ -64,8 +64,8 @@ impl Field {
             Role::Nested => found.name = found.prefix()?,
             _ => {
                 found.name = found.variable_name()?;
-                found.description = found.described(&field.attrs)?;
-                found.of_type = of_type(&field.ty)?;
+                found.description = found.variable_description(&field.attrs)?;
+                found.of_type = fmi_type(&field.ty)?;
                 found.check()?;
             }
         }
@@ -162,14 +162,14 @@ impl Field {
     }
 
     /// The description, without the unit, which the variable has by itself.
-    fn described(&self, attributes: &[Attribute]) -> Result<String> {
+    fn variable_description(&self, attributes: &[Attribute]) -> Result<String> {
         let given = self.options.text("description").map(LitStr::value);
         let unit = self.options.text("unit").map(LitStr::value);
         let unit = unit.map_or(String::new(), |unit| format!(" ({unit})"));
-        let comment = || Some(description(attributes)?.replace(&unit, ""));
+        let comment = || Some(doc_comment(attributes)?.replace(&unit, ""));
         let state = self.options.text("of").map(LitStr::value);
         let of_state = || Some(format!("Derivative of {}", state?));
-        needed(given.or_else(comment).or_else(of_state), &self.ident)
+        require(given.or_else(comment).or_else(of_state), &self.ident)
     }
 
     /// Checks that the options go with the type and with each other.
@@ -361,9 +361,9 @@ fn check_unit(unit: &LitStr) -> Result<()> {
 
 /// The type of the elements of a variable; a type that is not known is taken for an enumeration, and checked by
 /// the compiler.
-fn of_type(ty: &Type) -> Result<FmiType> {
+fn fmi_type(ty: &Type) -> Result<FmiType> {
     let path = match ungrouped(ty) {
-        Type::Array(array) => return of_type(&array.elem),
+        Type::Array(array) => return fmi_type(&array.elem),
         Type::Path(path) => path.path.segments.last(),
         _ => None,
     };
@@ -400,12 +400,6 @@ pub fn ungrouped(ty: &Type) -> &Type {
     }
 }
 
-/// An identifier as a name, without `r#`.
-pub fn literal(ident: &Ident) -> LitStr {
-    let name = ident.to_string();
-    LitStr::new(name.strip_prefix("r#").unwrap_or(&name), ident.span())
-}
-
 /// A structured name of FMI: identifiers separated by periods.
 fn structured(name: LitStr) -> Result<LitStr> {
     let is_name = name.value().split('.').all(is_identifier);
@@ -429,7 +423,7 @@ fn named(name: LitStr, is_name: bool, more: &str) -> Result<LitStr> {
 
 /// The first paragraph of the doc comments as plain text, without backticks and a final period; `None`
 /// if there is none.
-fn description(attributes: &[Attribute]) -> Option<String> {
+fn doc_comment(attributes: &[Attribute]) -> Option<String> {
     let docs = attributes.iter().filter(|a| a.path().is_ident("doc"));
     let texts = docs.filter_map(|attribute| match &attribute.meta {
         Meta::NameValue(meta) => Some(&meta.value),
@@ -452,11 +446,11 @@ fn description(attributes: &[Attribute]) -> Option<String> {
 }
 
 /// The description of a type or an item.
-pub fn described(attributes: &[Attribute], ident: &Ident) -> Result<String> {
-    needed(description(attributes), ident)
+pub fn required_description(attributes: &[Attribute], ident: &Ident) -> Result<String> {
+    require(doc_comment(attributes), ident)
 }
 
-fn needed(description: Option<String>, ident: &Ident) -> Result<String> {
+fn require(description: Option<String>, ident: &Ident) -> Result<String> {
     match description.filter(|text| !text.is_empty()) {
         Some(text) => Ok(text),
         None => {

@@ -1,66 +1,48 @@
 //! The code for a field: its row in the table, and the access to its value.
 
 use fmu_description::Type as FmiType;
-use proc_macro2::{Delimiter, Group, Span, TokenStream, TokenTree};
+use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::spanned::Spanned;
 use syn::{Ident, LitStr};
 
 use crate::attributes::Role;
-use crate::expression::{Expression, Form};
+use crate::expression::{Expression, Form, respan};
 use crate::field::Field;
-
-/// The tokens at a place in the author's code, where the compiler shows errors. All of them must be there, since
-/// it shows an expression whose tokens are at different places at the derive macro. Tokens in invisible parentheses
-/// stay where they are: see [`Expression::authored`].
-pub fn at(place: Span, tokens: TokenStream) -> TokenStream {
-    let span = Span::call_site().located_at(place);
-    let moved = tokens.into_iter().map(|mut token| {
-        if let TokenTree::Group(group) = &token {
-            if group.delimiter() == Delimiter::None {
-                return token;
-            }
-            token = Group::new(group.delimiter(), at(place, group.stream())).into();
-        }
-        token.set_span(span);
-        token
-    });
-    moved.collect()
-}
 
 impl Field {
     /// An item of a trait for the type of the elements. That it is not implemented is reported once, at the
     /// type, if all code that needs it reads the same.
-    fn of_trait(&self, name: &TokenStream, item: &TokenStream) -> TokenStream {
+    fn trait_item(&self, name: &TokenStream, item: &TokenStream) -> TokenStream {
         let (ty, krate) = (self.element_type(), &self.krate);
-        at(ty.span(), quote!(<#ty as #krate::#name>::#item))
+        respan(ty.span(), quote!(<#ty as #krate::#name>::#item))
     }
 
     /// An item of `Choice` for an enumeration.
-    fn choice(&self, item: &TokenStream) -> TokenStream {
-        self.of_trait(&quote!(Choice), item)
+    fn choice_item(&self, item: &TokenStream) -> TokenStream {
+        self.trait_item(&quote!(Choice), item)
     }
 
     /// An item of the trait that resets, copies and saves an element.
-    fn element(&self, item: &TokenStream) -> TokenStream {
+    fn element_item(&self, item: &TokenStream) -> TokenStream {
         match (self.role, self.of_type) {
             (Role::Log | Role::Unsaved, _) => {
                 let ty = self.element_type();
-                at(ty.span(), quote!(<#ty as ::core::default::Default>::default()))
+                respan(ty.span(), quote!(<#ty as ::core::default::Default>::default()))
             }
-            (Role::Nested, _) => self.of_trait(&quote!(Variables), item),
-            (_, FmiType::Enumeration) => self.choice(item),
-            _ => self.of_trait(&quote!(Internal), item),
+            (Role::Nested, _) => self.trait_item(&quote!(Variables), item),
+            (_, FmiType::Enumeration) => self.choice_item(item),
+            _ => self.trait_item(&quote!(Internal), item),
         }
     }
 
     /// An item of `Variables` for a nested struct; `None` for other fields.
-    fn nested(&self, item: &TokenStream) -> Option<TokenStream> {
-        (self.role == Role::Nested).then(|| self.element(item))
+    fn nested_item(&self, item: &TokenStream) -> Option<TokenStream> {
+        (self.role == Role::Nested).then(|| self.element_item(item))
     }
 
     /// The number of its first scalar.
-    fn first(&self) -> TokenStream {
+    fn first_scalar(&self) -> TokenStream {
         let (krate, row) = (&self.krate, self.row);
         quote!(const { #krate::first(Self::ROWS, #row) })
     }
@@ -68,7 +50,7 @@ impl Field {
     /// Its rows: of nested structs, one for each element of an array; none if it is internal.
     pub fn rows(&self) -> Vec<TokenStream> {
         let (Self { ident, krate, name, .. }, ty) = (self, self.element_type());
-        let Some(rows) = self.nested(&quote!(ROWS)) else {
+        let Some(rows) = self.nested_item(&quote!(ROWS)) else {
             return self.row().into_iter().collect();
         };
         let group = |i: usize| {
@@ -155,26 +137,26 @@ impl Field {
     pub fn is_unsaved(&self) -> Option<TokenStream> {
         match self.role {
             Role::Unsaved => Some(quote!(true)),
-            _ => self.nested(&quote!(IS_UNSAVED)),
+            _ => self.nested_item(&quote!(IS_UNSAVED)),
         }
     }
 
     /// For each nested struct of the field: its place, and the number of its first scalar.
     fn places(&self) -> Vec<(TokenStream, TokenStream)> {
-        let (ident, first) = (&self.ident, self.first());
+        let (ident, first) = (&self.ident, self.first_scalar());
         if self.role != Role::Nested || self.dimensions().is_empty() {
             return vec![(quote!(self.#ident), first)];
         }
-        let count = self.element(&quote!(COUNT));
+        let count = self.element_item(&quote!(COUNT));
         let place = |i: usize| (quote!(self.#ident[#i]), quote!(const { #i * #count + #first }));
         (0..self.row_count()).map(place).collect()
     }
 
     /// The arms of `input_derivative`.
     pub fn input_derivative(&self) -> Option<TokenStream> {
-        let first = self.first();
-        if let Some(derivative) = self.nested(&quote!(input_derivative)) {
-            let count = self.element(&quote!(COUNT));
+        let first = self.first_scalar();
+        if let Some(derivative) = self.nested_item(&quote!(input_derivative)) {
+            let count = self.element_item(&quote!(COUNT));
             let arms = self.places().into_iter().map(|(place, first)| {
                 quote! {
                     _ if index.wrapping_sub(#first) < const { #count } => {
@@ -190,9 +172,9 @@ impl Field {
 
     /// The arms of `directional_derivative`, with respect to other fields of the struct.
     pub fn directional_derivatives(&self, others: &[Self]) -> TokenStream {
-        let first = self.first();
-        if let Some(derivative) = self.nested(&quote!(directional_derivative)) {
-            let count = self.element(&quote!(COUNT));
+        let first = self.first_scalar();
+        if let Some(derivative) = self.nested_item(&quote!(directional_derivative)) {
+            let count = self.element_item(&quote!(COUNT));
             let arms = self.places().into_iter().map(|(place, first)| {
                 quote! {
                     _ if unknown.wrapping_sub(#first) < const { #count }
@@ -206,7 +188,7 @@ impl Field {
             return arms.collect();
         }
         let arms = self.options.derivatives().iter().filter_map(|(name, value)| {
-            let known = others.iter().find(|other| other.is_named(name))?.first();
+            let known = others.iter().find(|other| other.is_named(name))?.first_scalar();
             let value = value.real();
             Some(quote!(_ if unknown == #first && known == #known => #value,))
         });
@@ -216,7 +198,7 @@ impl Field {
     /// The condition of `has_finite_outputs` on the field; of an array, it is about the elements in use.
     pub fn has_finite_outputs(&self, others: &[Self]) -> Option<TokenStream> {
         let (ident, krate) = (&self.ident, &self.krate);
-        if let Some(has) = self.nested(&quote!(has_finite_outputs)) {
+        if let Some(has) = self.nested_item(&quote!(has_finite_outputs)) {
             let places = self.places().into_iter().map(|(place, _)| place);
             return Some(quote!(true #(&& #has(&#places))*));
         }
@@ -239,8 +221,8 @@ impl Field {
 
     /// The default value. `Default` and `Deserialize` end at 32 elements.
     pub fn unset(&self) -> TokenStream {
-        let (ident, value) = (&self.ident, self.element(&quote!(unset())));
-        let value = self.of_array(value, |value| quote!(::core::array::from_fn(|_| #value)));
+        let (ident, value) = (&self.ident, self.element_item(&quote!(unset())));
+        let value = self.for_elements(value, |value| quote!(::core::array::from_fn(|_| #value)));
         quote!(#ident: #value)
     }
 
@@ -248,32 +230,32 @@ impl Field {
     pub fn copy_from(&self) -> TokenStream {
         let ident = &self.ident;
         if self.role == Role::Nested && !self.dimensions().is_empty() {
-            let copy = self.element(&quote!(copy_from));
+            let copy = self.element_item(&quote!(copy_from));
             return quote!(for (to, from) in self.#ident.iter_mut().zip(&from.#ident) { #copy(to, from) });
         }
         let copy = match self.dimensions().is_empty() {
-            true => self.element(&quote!(copy_from)),
-            false => at(self.span(), quote!(::core::clone::Clone::clone_from)),
+            true => self.element_item(&quote!(copy_from)),
+            false => respan(self.span(), quote!(::core::clone::Clone::clone_from)),
         };
         quote!(#copy(&mut self.#ident, &from.#ident);)
     }
 
     /// The statement that saves the field.
     pub fn save(&self) -> TokenStream {
-        let (ident, save) = (&self.ident, self.element(&quote!(save(item, to)?;)));
-        let items = self.of_array(save, |item| quote!(for item in item { #item }));
+        let (ident, save) = (&self.ident, self.element_item(&quote!(save(item, to)?;)));
+        let items = self.for_elements(save, |item| quote!(for item in item { #item }));
         quote!({ let item = &self.#ident; #items })
     }
 
     /// The statement that loads the field.
     pub fn load(&self) -> TokenStream {
-        let (ident, load) = (&self.ident, self.element(&quote!(load(item, from)?;)));
-        let items = self.of_array(load, |item| quote!(for item in item { #item }));
+        let (ident, load) = (&self.ident, self.element_item(&quote!(load(item, from)?;)));
+        let items = self.for_elements(load, |item| quote!(for item in item { #item }));
         quote!({ let item = &mut self.#ident; #items })
     }
 
     /// What is done for the elements of an array, from what is done for one.
-    fn of_array(
+    fn for_elements(
         &self,
         of_element: TokenStream,
         of_elements: fn(TokenStream) -> TokenStream,
@@ -299,7 +281,7 @@ impl Field {
                 quote!([#element; #length])
             }
             (_, FmiType::Enumeration) => {
-                let (ty, base) = (self.element_type(), self.choice(&quote!(BASE)));
+                let (ty, base) = (self.element_type(), self.choice_item(&quote!(BASE)));
                 quote!({ let item: #ty = #expression; item as i32 + #base })
             }
             _ => expression.authored(),
@@ -331,7 +313,7 @@ impl Field {
     fn start(&self, bounds: &TokenStream) -> TokenStream {
         let (krate, values) = (&self.krate, self.values());
         if self.of_type == FmiType::Enumeration {
-            let items = self.choice(&quote!(ENUMERATION));
+            let items = self.choice_item(&quote!(ENUMERATION));
             return quote!(#krate::StartValues::Enumeration(#values, &#items));
         }
         let place = self.options.expression("start").map(Spanned::span);
@@ -340,7 +322,7 @@ impl Field {
         let message = format!("the start value of `{name}` is ");
         let of_type = Ident::new(self.of_type.as_str(), place);
         let start = quote!(#krate::StartValues::#of_type(#values));
-        at(place, quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)))
+        respan(place, quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)))
     }
 
     /// The start values as a constant slice; empty if the model calculates them.
@@ -353,7 +335,7 @@ impl Field {
                 FmiType::String => quote!(""),
                 FmiType::Binary => quote!(b""),
                 FmiType::Enumeration => {
-                    let enumeration = self.choice(&quote!(ENUMERATION));
+                    let enumeration = self.choice_item(&quote!(ENUMERATION));
                     quote!(#enumeration.items[0].value)
                 }
                 _ => quote!(0),
@@ -378,7 +360,7 @@ impl Field {
         let array = if is_scalar { repeated(value.clone()) } else { value.clone() };
         let array = match self.options.expression("start") {
             // An error of its type is shown there.
-            Some(start) => at(start.span(), quote!(&#array)),
+            Some(start) => respan(start.span(), quote!(&#array)),
             None => quote!(&#array),
         };
         // In a start value, numbers stand for items, and string slices for strings.

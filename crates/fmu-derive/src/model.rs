@@ -6,14 +6,13 @@ use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
 
-use crate::attributes::{MODEL, Options, Role, VARIABLES, all, error};
-use crate::expression::Expression;
-use crate::field::{Field, check_positive, described, identifier, length, literal};
-use crate::generate::at;
+use crate::attributes::{MODEL, Options, Role, VARIABLES, all_or_errors, error, ident_name};
+use crate::expression::{Expression, respan};
+use crate::field::{Field, check_positive, identifier, length, required_description};
 
 /// Implements `Model` and `Variables`.
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
-    let options = Options::of(&input.attrs, MODEL)?;
+    let options = Options::from_attributes(&input.attrs, MODEL)?;
     let fields = fields(input, &options)?;
     let time = LitStr::new("time", Span::call_site());
     if let Some(Field { name, .. }) = fields.iter().find(|field| field.is_named(&time)) {
@@ -22,12 +21,12 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     }
     let variables = variables(input, &options, Some(&fields));
     let name = options.text("name").cloned();
-    let name = identifier(name.unwrap_or_else(|| literal(&input.ident)))?;
-    let description = described(&input.attrs, &input.ident)?;
+    let name = identifier(name.unwrap_or_else(|| ident_name(&input.ident)))?;
+    let description = required_description(&input.attrs, &input.ident)?;
     for option in ["sample_time", "stop_time", "step_size", "tolerance"] {
         check_positive(options.expression(option))?;
     }
-    if let (Some(place), true) = (options.place("continuous"), options.has("sample_time")) {
+    if let (Some(place), true) = (options.span("continuous"), options.has("sample_time")) {
         let what = "a model with a sample time is not continuous";
         return Err(Error::new(place, what));
     }
@@ -46,7 +45,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
 
 /// Implements `Variables`.
 pub fn expand_variables(input: &DeriveInput) -> Result<TokenStream> {
-    let options = Options::of(&input.attrs, VARIABLES)?;
+    let options = Options::from_attributes(&input.attrs, VARIABLES)?;
     let fields = fields(input, &options)?;
     if let Some(log) = fields.iter().find(|field| field.role == Role::Log) {
         return error(
@@ -60,13 +59,13 @@ pub fn expand_variables(input: &DeriveInput) -> Result<TokenStream> {
 /// The implementation for a struct whose derive failed, so that the compiler reports the mistake alone, and not
 /// also that there is no implementation. Its functions are never called.
 pub fn stub_variables(input: &DeriveInput) -> TokenStream {
-    let options = Options::of(&input.attrs, VARIABLES).unwrap_or_default();
+    let options = Options::from_attributes(&input.attrs, VARIABLES).unwrap_or_default();
     variables(input, &options, None)
 }
 
 /// As [`stub_variables`].
 pub fn stub(input: &DeriveInput) -> TokenStream {
-    let options = Options::of(&input.attrs, MODEL).unwrap_or_default();
+    let options = Options::from_attributes(&input.attrs, MODEL).unwrap_or_default();
     let variables = variables(input, &options, None);
     let model = model(input, &options, None, None);
     quote!(#variables #model)
@@ -84,7 +83,7 @@ fn model(
     let (name, description) =
         named.map_or((quote!(""), ""), |(name, description)| (name.to_token_stream(), description));
     let is_sampled = options.has("sample_time");
-    let continuous = options.place("continuous").filter(|_| !is_stub);
+    let continuous = options.span("continuous").filter(|_| !is_stub);
     let is_continuous = continuous.is_some();
     let step = options.expression("step");
     let is_integrated = is_continuous && step.is_none();
@@ -99,8 +98,8 @@ fn model(
     let tolerance = number("tolerance", if is_integrated { quote!(1e-6) } else { quote!(0.0) });
     // What the author implements.
     let author = match continuous {
-        Some(place) => at(place, quote!(<Self as #krate::Continuous>)),
-        None => at(ident.span(), quote!(<Self as #krate::Simulate>)),
+        Some(place) => respan(place, quote!(<Self as #krate::Continuous>)),
+        None => respan(ident.span(), quote!(<Self as #krate::Simulate>)),
     };
     let step = match (is_continuous, step) {
         (false, _) => quote!(#author::step(self, time, step)),
@@ -126,7 +125,7 @@ fn model(
     };
     let has_log = log.is_some();
     let log = log.map(|Field { ident, .. }| {
-        let log = at(ident.span(), quote!(&mut self.#ident));
+        let log = respan(ident.span(), quote!(&mut self.#ident));
         quote! {
             fn log(&mut self) -> ::core::option::Option<&mut #krate::Log> {
                 ::core::option::Option::Some(#log)
@@ -238,7 +237,7 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     }
     let krate = options.krate();
     let krate = quote!(#krate::derive);
-    let mut fields = all(named.named.iter().map(|field| Field::of(field, &krate)))?;
+    let mut fields = all_or_errors(named.named.iter().map(|field| Field::new(field, &krate)))?;
     let mut row = 0;
     for field in &mut fields {
         field.row = row;
@@ -314,12 +313,12 @@ fn checks(input: &DeriveInput, fields: &[Field], krate: &TokenStream) -> TokenSt
     let unique = nested.map(|Field { ident, row, .. }| {
         let message = format!("a variable of `{ident}` has the name of another: ");
         let check = quote!(#krate::unique(#rows, #row, #message));
-        at(ident.span(), quote!(#[allow(long_running_const_eval)] const _: () = #check;))
+        respan(ident.span(), quote!(#[allow(long_running_const_eval)] const _: () = #check;))
     });
     let names = fields.iter().flat_map(|f| f.options.names("initially_from"));
     let exist = names.map(|name| {
         let message = format!("there is no variable {:?} in this struct", name.value());
-        at(name.span(), quote!(const _: () = #krate::exists(#rows, #name, #message);))
+        respan(name.span(), quote!(const _: () = #krate::exists(#rows, #name, #message);))
     });
     quote!(const _: &[#krate::TableRow] = #rows; #(#unique)* #(#exist)*)
 }
