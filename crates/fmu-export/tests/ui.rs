@@ -1,5 +1,6 @@
 //! Mistakes are compile errors that point at the place and say what was expected.
 //!
+//! Each file has the mistakes of one kind; a new one goes to the end of its file, or to a file of its own.
 //! After a change, `TRYBUILD=overwrite cargo test -p fmu-export --test ui` writes the messages anew.
 
 use std::process::Command;

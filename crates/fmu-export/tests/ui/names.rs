@@ -1,8 +1,6 @@
-//! Mistakes in names, descriptions and sample times.
+//! Names that occur twice in a struct, or are no names of FMI.
 
 use fmu_export::prelude::*;
-
-// Names: twice in a struct, and not a name of FMI.
 
 /// One name twice
 #[derive(Variables)]
@@ -45,41 +43,5 @@ enum Items {
     /** one */ OpenLoop,
     /** another */ #[choice(name = "open_loop")] Open,
 }
-
-// Missing descriptions.
-
-#[derive(Model)]
-struct Nameless {}
-
-/// A model
-#[derive(Model)]
-struct WithoutDescription {
-    #[input] y: f64,
-    #[output(description = "")] u: f64,
-}
-
-/// A law
-#[derive(Clone, Copy, Choice)]
-enum Undescribed {
-    Open,
-    /** with feedback */ Closed,
-}
-
-#[derive(Clone, Copy, Choice)]
-enum Form {
-    /** an item */ Item,
-}
-
-// A sample time that is not a number.
-
-/// As a text
-#[derive(Model)]
-#[model(sample_time = "1 ms")]
-struct Text {}
-
-/// Negative
-#[derive(Model)]
-#[model(sample_time = -0.1)]
-struct Negative {}
 
 fn main() {}

@@ -1,0 +1,14 @@
+//! Units that are unknown, or of a type that has none.
+
+use fmu_export::prelude::*;
+
+#[derive(Variables)]
+struct Units {
+    /** misspelled */ #[input(unit = "radians")] angle: f64,
+    /** part of a product */ #[input(unit = "N.foo/s")] force: f64,
+    /** no product */ #[input(unit = "Nm")] torque: f64,
+    /** a count */ #[input(unit = "m")] count: i32,
+    /** no text */ #[input(unit = 1)] number: f64,
+}
+
+fn main() {}
