@@ -5,7 +5,7 @@ pub use crate::checks::{checked, exists, number, positive, unique};
 use crate::scalar::scalar_count;
 use crate::table::AnyChoice;
 pub use crate::table::{Bounds, Declaration, Dynamics, Enumeration, Item, StartValues, TableRow};
-pub use crate::variables::{Choice, Damaged, Internal, Loader, Saver, Variables};
+pub use crate::variables::{Choice, Internal, StateError, StateReader, StateWriter, Variables};
 pub use crate::vocabulary::{Causality, Variability};
 
 /// The elements of an array that are in use.

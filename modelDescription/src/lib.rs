@@ -55,5 +55,5 @@ pub use unit::Unit;
 pub use value::Value;
 #[cfg(feature = "xml")]
 pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
-pub use variables::{Choice, Damaged, Loader, Saver, Variables};
+pub use variables::{Choice, StateError, StateReader, StateWriter, Variables};
 pub use vocabulary::{Causality, Initial, LOG_CATEGORIES, MODEL_CATEGORY, Type, Variability};

@@ -55,13 +55,13 @@ pub unsafe trait Variables: Sized {
     ///
     /// # Errors
     /// A field cannot be serialized.
-    fn save(&self, to: &mut Saver) -> Result<(), Damaged>;
+    fn save(&self, to: &mut StateWriter) -> Result<(), StateError>;
 
     /// Loads all fields.
     ///
     /// # Errors
     /// The bytes are not a saved struct. Some fields may be loaded.
-    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged>;
+    fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
 /// An enum whose variants are the items of an enumeration, implemented by `#[derive(Choice)]`.
@@ -94,7 +94,7 @@ pub trait Choice: Copy + 'static {
     ///
     /// # Errors
     /// Never, as numbers can be serialized.
-    fn save(&self, to: &mut Saver) -> Result<(), Damaged> {
+    fn save(&self, to: &mut StateWriter) -> Result<(), StateError> {
         to.put(&self.number())
     }
 
@@ -102,8 +102,8 @@ pub trait Choice: Copy + 'static {
     ///
     /// # Errors
     /// There is no such item.
-    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged> {
-        *self = Self::from_number(from.take()?).ok_or(Damaged)?;
+    fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        *self = Self::from_number(from.take()?).ok_or(StateError)?;
         Ok(())
     }
 }
@@ -118,8 +118,8 @@ pub trait Choice: Copy + 'static {
 pub trait Internal: Sized {
     fn unset() -> Self;
     fn copy_from(&mut self, from: &Self);
-    fn save(&self, to: &mut Saver) -> Result<(), Damaged>;
-    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged>;
+    fn save(&self, to: &mut StateWriter) -> Result<(), StateError>;
+    fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
 #[diagnostic::do_not_recommend]
@@ -132,11 +132,11 @@ impl<T: Default + Clone + Serialize + DeserializeOwned> Internal for T {
         self.clone_from(from);
     }
 
-    fn save(&self, to: &mut Saver) -> Result<(), Damaged> {
+    fn save(&self, to: &mut StateWriter) -> Result<(), StateError> {
         to.put(self)
     }
 
-    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged> {
+    fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         *self = from.take()?;
         Ok(())
     }
@@ -155,21 +155,21 @@ impl<C: Choice> AnyChoice for C {
 
 /// The bytes are not a saved struct, or a field cannot be saved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Damaged;
+pub struct StateError;
 
 /// Collects the fields of a struct as bytes.
 #[derive(Debug, Default)]
-pub struct Saver(Vec<u8>);
+pub struct StateWriter(Vec<u8>);
 
-impl Saver {
+impl StateWriter {
     /// Adds a field.
     ///
     /// # Errors
     /// It cannot be serialized.
     #[inline(never)] // it is small only once
-    pub fn put<T: Serialize>(&mut self, field: &T) -> Result<(), Damaged> {
+    pub fn put<T: Serialize>(&mut self, field: &T) -> Result<(), StateError> {
         let bytes = std::mem::take(&mut self.0);
-        self.0 = postcard::to_extend(field, bytes).map_err(|_| Damaged)?;
+        self.0 = postcard::to_extend(field, bytes).map_err(|_| StateError)?;
         Ok(())
     }
 
@@ -181,9 +181,9 @@ impl Saver {
 
 /// Reads the fields of a struct from bytes.
 #[derive(Debug)]
-pub struct Loader<'a>(&'a [u8]);
+pub struct StateReader<'a>(&'a [u8]);
 
-impl<'a> Loader<'a> {
+impl<'a> StateReader<'a> {
     /// Reads from the start of the bytes.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self(bytes)
@@ -194,8 +194,8 @@ impl<'a> Loader<'a> {
     /// # Errors
     /// The bytes are not a value of this type.
     #[inline(never)]
-    pub fn take<T: DeserializeOwned>(&mut self) -> Result<T, Damaged> {
-        let (field, rest) = postcard::take_from_bytes(self.0).map_err(|_| Damaged)?;
+    pub fn take<T: DeserializeOwned>(&mut self) -> Result<T, StateError> {
+        let (field, rest) = postcard::take_from_bytes(self.0).map_err(|_| StateError)?;
         self.0 = rest;
         Ok(field)
     }

@@ -196,7 +196,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let copies = each(Field::copy_from);
     let (saves, loads) = (each(Field::save), each(Field::load));
     let checks = checks(input, fields, krate);
-    let result = quote!(::core::result::Result<(), #krate::Damaged>);
+    let result = quote!(::core::result::Result<(), #krate::StateError>);
     let done = quote!(::core::result::Result::Ok(()));
     let (generics, arguments, condition) = input.generics.split_for_impl();
     quote! {
@@ -217,8 +217,8 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
                 match (unknown, known) { #(#derivatives)* _ => 0.0 }
             }
             fn copy_from(&mut self, from: &Self) { #copies }
-            fn save(&self, to: &mut #krate::Saver) -> #result { #saves #done }
-            fn load(&mut self, from: &mut #krate::Loader<'_>) -> #result { #loads #done }
+            fn save(&self, to: &mut #krate::StateWriter) -> #result { #saves #done }
+            fn load(&mut self, from: &mut #krate::StateReader<'_>) -> #result { #loads #done }
         }
 
         #checks

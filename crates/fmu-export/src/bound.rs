@@ -5,7 +5,9 @@ use std::any::Any;
 use dormand_prince::solver::{self, Advanced, Step, Workspace};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::table::Declaration;
-use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Value};
+use fmu_description::{
+    Causality, Dynamics, Overrides, StateError, StateReader, StateWriter, Value,
+};
 
 use crate::layout::{self, Array, Facts, Place, Tables, copy_fields};
 use crate::log::Log;
@@ -58,9 +60,9 @@ pub(crate) trait AnyModel: Any {
     fn copy(&self) -> Box<dyn AnyModel>;
     /// Copies another model into the memory of this one; false if it is of another type.
     fn assign(&mut self, from: &dyn AnyModel) -> bool;
-    fn save(&self, to: &mut Saver) -> Result<(), Damaged>;
+    fn save(&self, to: &mut StateWriter) -> Result<(), StateError>;
     /// Some fields may be loaded if that fails.
-    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged>;
+    fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
 impl<M: Model, const N: usize> Bound<M, N> {
@@ -401,11 +403,11 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
         from.map(|from| self.model.copy_from(&from.model)).is_some()
     }
 
-    fn save(&self, to: &mut Saver) -> Result<(), Damaged> {
+    fn save(&self, to: &mut StateWriter) -> Result<(), StateError> {
         self.model.save(to)
     }
 
-    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged> {
+    fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.model.load(from)
     }
 }

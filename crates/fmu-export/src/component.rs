@@ -12,7 +12,7 @@ use fmi_abi::state::State;
 use fmi_abi::{Call, FmiVersion};
 use fmu_description::hash::checksum;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{Loader, Saver, Variability};
+use fmu_description::{StateReader, StateWriter, Variability};
 
 use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
@@ -727,7 +727,7 @@ impl Component {
 
     /// Serializes a state: header, payload, and a checksum of both.
     pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
-        let mut payload = Saver::default();
+        let mut payload = StateWriter::default();
         let is_own = self.model.type_id() == (*state.model).type_id();
         let saved = payload.put(&state.lifecycle).is_ok()
             && payload.put(&state.starts.is_some()).is_ok()
@@ -762,7 +762,7 @@ impl Component {
             text(guid),
             text(expected)
         );
-        let mut loader = Loader::new(payload);
+        let mut loader = StateReader::new(payload);
         let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
         let Lifecycle { mode, state, .. } = lifecycle;
         if !mode.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
