@@ -1,6 +1,5 @@
 //! A running FMU: its calls, and the transfer of values from outputs to inputs.
 
-use std::collections::{BTreeMap, HashSet};
 use std::fmt::Display;
 use std::sync::Arc;
 
@@ -10,9 +9,10 @@ use fmu_host::{Cause, Instance, InterfaceType, Listed, Status, Success, Unusual}
 use fmu_worker::Function;
 
 use crate::access_list::{AccessList, accessor};
+use crate::components::LoadedComponent;
 use crate::input::TableInputs;
 use crate::integrator::{self, Integrator, RecordedInstance, StepError};
-use crate::plan::LoadedComponent;
+use crate::start::StartValues;
 use crate::store::{Store, Transfer, number};
 use crate::wiring::{FeedingOutputs, VariableGroup};
 use crate::{FailedCall, Fmu, Messages, RunError};
@@ -49,11 +49,11 @@ impl<'a> ComponentInstance<'a> {
         index: usize,
         planned: &LoadedComponent,
         ports: &'a [VariableGroup],
-        starts: &BTreeMap<usize, &Value>,
+        starts: &StartValues<'_>,
         messages: &Messages,
     ) -> Result<Self> {
         let LoadedComponent { name, fmu, .. } = planned;
-        let mut inputs = ports.iter().map(|ports| initial(&ports.inputs, fmu, starts));
+        let mut inputs = ports.iter().map(|ports| starts.initial(&ports.inputs, fmu));
         let reals = inputs.next().unwrap_or_default();
         let mut instance = fmu.instantiate(index, name, messages)?;
         // An FMU that is stepped by hand has none.
@@ -103,7 +103,7 @@ impl<'a> ComponentInstance<'a> {
         &mut self,
         (start, stop): (f64, Option<f64>),
         tolerance: Option<f64>,
-        starts: &BTreeMap<usize, &Value>,
+        starts: &StartValues<'_>,
     ) -> Called {
         self.call("setup_experiment", "set-up of the experiment", |instance| {
             instance.setup_experiment(start, stop, tolerance)
@@ -111,7 +111,7 @@ impl<'a> ComponentInstance<'a> {
         let fmu = self.fmu.clone();
         let is_size =
             |scalar: &usize| fmu.variable(*scalar).causality == Causality::StructuralParameter;
-        if starts.keys().any(is_size) {
+        if starts.scalars().any(|scalar| is_size(&scalar)) {
             self.call(
                 "enter_configuration_mode",
                 "start of the configuration",
@@ -468,16 +468,13 @@ impl<'a> ComponentInstance<'a> {
 
     /// Sets the start values that are wanted; those of an array together, with those that the model description
     /// has for the others.
-    fn start(
-        &mut self,
-        starts: &BTreeMap<usize, &Value>,
-        is_wanted: impl Fn(&usize) -> bool,
-    ) -> Called {
+    fn start(&mut self, starts: &StartValues<'_>, is_wanted: impl Fn(&usize) -> bool) -> Called {
         let fmu = self.fmu.clone();
-        let given = Vec::from_iter(starts.keys().copied().filter(is_wanted));
+        let given = Vec::from_iter(starts.scalars().filter(is_wanted));
         for same in given.chunk_by(|a, b| fmu.array(*a) == fmu.array(*b)) {
-            let (kind, wired) = (fmu.access(same[0]), AccessList::of(&fmu, same.iter().copied()));
-            let values = initial(&wired, &fmu, starts);
+            let (kind, wired) =
+                (fmu.access_type(same[0]), AccessList::of(&fmu, same.iter().copied()));
+            let values = starts.initial(&wired, &fmu);
             let set = match self.ports.iter().find(|ports| ports.kind == kind) {
                 Some(ports) => ports.set,
                 None => accessor("set", fmu.version, kind),
@@ -493,28 +490,6 @@ impl Drop for ComponentInstance<'_> {
     fn drop(&mut self) {
         self.recorded.calls.begin(Function::performing(self.fmu.version, "free_instance"));
     }
-}
-
-/// The values of inputs before any is connected: of arrays, the start values, since an array is set as a
-/// whole.
-pub(crate) fn initial(
-    inputs: &AccessList,
-    fmu: &Fmu,
-    starts: &BTreeMap<usize, &Value>,
-) -> Vec<Value> {
-    let mut values = vec![Value::Boolean(false); inputs.elements];
-    let mut known = HashSet::new();
-    for (scalar, position) in inputs.scalars.iter().zip(&inputs.positions) {
-        let first = position - fmu.scalars[*scalar].element;
-        if !known.insert(first) {
-            continue;
-        }
-        for (value, scalar) in values[first..].iter_mut().zip(fmu.array(*scalar)) {
-            let start = starts.get(&scalar).copied().or(fmu.start(scalar));
-            *value = start.cloned().unwrap_or(Value::Boolean(false));
-        }
-    }
-    values
 }
 
 /// Reads the outputs that feed a component, and only these, as not every recorded variable can be read

@@ -183,21 +183,6 @@ impl Description {
         Experiment { start: self.start, stop: self.stop, step: self.step }
     }
 
-    /// Replaces the start value of `component.variable`, if there is such a component.
-    pub fn set_start(&mut self, name: &str, value: Literal) {
-        if self.is_single {
-            self.components[0].start.insert(name.to_owned(), value);
-            return;
-        }
-        let owns = |c: &&mut Component| {
-            name.strip_prefix(&c.name).is_some_and(|rest| rest.starts_with('.'))
-        };
-        let owners = self.components.iter_mut().filter(owns);
-        if let Some(component) = owners.max_by_key(|c| c.name.len()) {
-            component.start.insert(name[component.name.len() + 1..].to_owned(), value);
-        }
-    }
-
     /// Uses the FMUs of the same file names from another folder.
     pub fn take_fmus_from(&mut self, folder: &Path) {
         for component in &mut self.components {

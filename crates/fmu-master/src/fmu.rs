@@ -259,7 +259,7 @@ impl Fmu {
     }
 
     /// The type whose functions get and set a scalar.
-    pub(crate) fn access(&self, scalar: usize) -> Type {
+    pub(crate) fn access_type(&self, scalar: usize) -> Type {
         self.variable(scalar).of_type.accessed_as(self.version)
     }
 
@@ -281,7 +281,7 @@ impl Fmu {
     }
 
     /// The index of a scalar, if there is one of this name.
-    pub(crate) fn scalar(&self, name: &str) -> Option<usize> {
+    pub(crate) fn get_scalar(&self, name: &str) -> Option<usize> {
         self.index.get(name).copied()
     }
 
@@ -289,8 +289,8 @@ impl Fmu {
     ///
     /// # Errors
     /// There is no such variable; the error names similar ones.
-    pub(crate) fn find(&self, name: &str) -> Result<usize> {
-        if let Some(index) = self.scalar(name) {
+    pub(crate) fn scalar(&self, name: &str) -> Result<usize> {
+        if let Some(index) = self.get_scalar(name) {
             return Ok(index);
         }
         let names = Vec::from_iter((0..self.scalars.len()).map(|scalar| self.name(scalar)));
@@ -310,11 +310,11 @@ impl Fmu {
     /// The indices of a scalar, or of all elements of an array.
     ///
     /// # Errors
-    /// As [`Self::find`].
-    pub(crate) fn find_all(&self, name: &str) -> Result<Range<usize>> {
+    /// As [`Self::scalar`].
+    pub(crate) fn scalars_of(&self, name: &str) -> Result<Range<usize>> {
         match self.arrays.get(name) {
             Some(elements) => Ok(elements.clone()),
-            None => self.find(name).map(|scalar| scalar..scalar + 1),
+            None => self.scalar(name).map(|scalar| scalar..scalar + 1),
         }
     }
 

@@ -7,12 +7,13 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability};
 
 use crate::access_list::AccessList;
-use crate::component_instance::initial;
-use crate::plan::{LoadedComponent, Names, ResolvedConnection, ScalarId};
+use crate::components::{Components, ScalarId};
+use crate::connections::{ResolvedConnection, with_article};
+use crate::start::StartValues;
 use crate::store::{Store, number};
 use crate::table::{self, Column, Series};
 use crate::wiring::VariableGroup;
-use crate::{Fmu, Place, plan};
+use crate::{Fmu, Place};
 
 /// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are
 /// interpolated linearly, and others keep their value; before the first and after the last row, all keep it.
@@ -38,33 +39,32 @@ impl InputTable {
     /// The file cannot be read, a column is not an input that is free, or a row is invalid.
     pub(crate) fn read(
         file: &Path,
-        components: &[LoadedComponent],
-        owners: &Names,
-        links: &[ResolvedConnection],
+        components: &Components,
+        connections: &[ResolvedConnection],
     ) -> Result<Self> {
         let table = table::read_texts(file);
         let table = table.with_context(|| format!("cannot read {}", file.display()))?;
-        Self::new(&table, components, owners, links).with_context(|| file.display().to_string())
+        Self::new(&table, components, connections).with_context(|| file.display().to_string())
     }
 
     fn new(
         table: &[Series],
-        components: &[LoadedComponent],
-        owners: &Names,
-        links: &[ResolvedConnection],
+        components: &Components,
+        connections: &[ResolvedConnection],
     ) -> Result<Self> {
         let times = table::times(table)?;
-        let mut taken: HashSet<ScalarId> = links.iter().map(|link| link.to).collect();
+        let mut taken: HashSet<ScalarId> =
+            connections.iter().map(|connection| connection.to).collect();
         let columns = table[1..].iter().map(|series| {
             let name = &series.name;
-            let port = owners.port(components, name)?;
-            let fmu = &components[port.component].fmu;
-            let variable = port.of(components);
+            let port = components.scalar(name)?;
+            let fmu = port.fmu(components);
+            let variable = port.variable(components);
             if let Some(reason) = fmu.unusable(port.scalar) {
                 bail!("{name} cannot be set: {reason}");
             }
             let is_input = variable.causality == Causality::Input;
-            ensure!(is_input, "{name} is {}, expected an input", plan::text(variable.causality));
+            ensure!(is_input, "{name} is {}, expected an input", with_article(variable.causality));
             ensure!(taken.insert(port), "{name} is connected, or has two columns");
             let (found, unit) = (&series.unit, variable.unit.as_deref().unwrap_or_default());
             let is_same = found == unit || found.is_empty() || unit.is_empty();
@@ -81,7 +81,7 @@ impl InputTable {
     }
 
     /// The inputs, in the order of the columns.
-    pub(crate) fn ports(&self) -> impl Iterator<Item = ScalarId> {
+    pub(crate) fn scalars(&self) -> impl Iterator<Item = ScalarId> {
         self.columns.iter().map(|column| column.port)
     }
 
@@ -178,7 +178,7 @@ impl<'a> TableInputs<'a> {
         component: usize,
         fmu: &Fmu,
         ports: &[VariableGroup],
-        starts: &BTreeMap<usize, &Value>,
+        starts: &StartValues<'_>,
     ) -> Option<Self> {
         let fed = ports.iter().flat_map(|ports| ports.inputs.scalars.iter().zip(&ports.sources));
         let fed = fed.filter(|(_, source)| source.component.is_some());
@@ -195,9 +195,9 @@ impl<'a> TableInputs<'a> {
             let mut variable = AccessList::default();
             variable.push(fmu, first);
             TableInput {
-                kind: fmu.access(first),
+                kind: fmu.access_type(first),
                 reference: fmu.variable(first).reference,
-                values: initial(&variable, fmu, starts),
+                values: starts.initial(&variable, fmu),
                 columns,
             }
         });

@@ -37,7 +37,10 @@
 #![forbid(unsafe_code)]
 
 mod access_list;
+mod algebraic_loop;
 mod component_instance;
+mod components;
+mod connections;
 mod description;
 mod error;
 mod experiment;
@@ -55,6 +58,7 @@ mod random;
 pub mod run;
 mod simulation;
 pub mod ssp;
+mod start;
 pub mod stepped_fmu;
 mod store;
 mod summary;
@@ -63,6 +67,7 @@ mod system_file;
 pub mod table;
 mod wiring;
 
+pub use components::{Components, LoadedComponent};
 pub use description::{Component, Connection, Conversion, Description, Order, Sandbox};
 pub use error::{FailedCall, RunError};
 pub use experiment::Experiment;
@@ -74,8 +79,9 @@ pub use literal::Literal;
 pub use messages::{Message, Messages};
 pub use overrides::Overrides;
 pub use package::SystemOrigin;
-pub use plan::{LoadedComponent, Plan, StartValue};
+pub use plan::Plan;
 pub use simulation::{Row, Simulation};
+pub use start::StartValue;
 pub use store::Place;
 pub use summary::{Statistics, Summary};
 pub use system_file::{is_fmu, locate};

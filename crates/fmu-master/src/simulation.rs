@@ -1,16 +1,15 @@
 //! One run of a system.
 
-use std::collections::BTreeMap;
-
 use anyhow::{Result, bail};
 use fmu_description::{Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
 use crate::component_instance::{Called, ComponentInstance, receive};
+use crate::components::LoadedComponent;
 use crate::fault::FaultyConnection;
 use crate::input::TableInputs;
-use crate::plan::LoadedComponent;
+use crate::start::StartValues;
 use crate::store::{Store, number, places};
 use crate::table::Column;
 use crate::{Message, Messages, Order, Place, Plan, RunError, StartValue};
@@ -105,12 +104,11 @@ impl Plan {
         messages.record().at(f64::NAN);
         messages.record().step(self.experiment.step);
         let starts = (0..self.components.len()).map(|index| self.starts(index, starts));
-        let starts = Vec::from_iter(starts);
-        let ports = self.components.iter().zip(&self.wiring.components);
+        let starts = starts.collect::<Result<Vec<_>>>()?;
+        let groups = self.components.iter().zip(&self.wiring.components);
         let components =
-            ports.zip(&starts).enumerate().map(|(index, ((planned, ports), starts))| {
-                planned.check_arrays(starts)?;
-                ComponentInstance::new(index, planned, ports, starts, messages)
+            groups.zip(&starts).enumerate().map(|(index, ((component, groups), starts))| {
+                ComponentInstance::new(index, component, groups, starts, messages)
             });
         let mut simulation = Simulation {
             plan: self,
@@ -131,7 +129,7 @@ impl Plan {
 
 impl Simulation<'_> {
     /// Initializes with the calls of FMPy, in its order.
-    fn initialize(&mut self, starts: &[BTreeMap<usize, &Value>]) -> Called {
+    fn initialize(&mut self, starts: &[StartValues<'_>]) -> Called {
         let plan = self.plan;
         let (start, end) = (plan.experiment.start, plan.end());
         self.messages.record().at(start);
@@ -147,7 +145,7 @@ impl Simulation<'_> {
             self.components.iter_mut().try_for_each(ComponentInstance::exit_initialization)
         });
         let begun = exited.and_then(|()| {
-            let components = self.components.iter_mut().zip(&plan.components);
+            let components = self.components.iter_mut().zip(&*plan.components);
             components.enumerate().try_for_each(|(index, (component, planned))| {
                 let (fmu, ports) = (&planned.fmu, &plan.wiring.components[index]);
                 let signals = plan.input.as_ref();

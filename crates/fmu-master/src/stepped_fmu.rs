@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::access_list::{AccessList, accessor};
 use crate::component_instance::{Called, ComponentInstance};
+use crate::components::LoadedComponent;
 use crate::integrator::Integrator;
-use crate::plan::{Assigned, LoadedComponent, assigned};
+use crate::start::{StartValues, scalar_literals};
 use crate::{Description, Literal, Messages, Plan, RunError};
 
 /// Which FMU to step, and how.
@@ -89,10 +90,10 @@ impl Names {
         component.interface = setup.interface;
         component.name = setup.name.clone().unwrap_or(std::mem::take(&mut component.name));
         for (name, size) in &setup.sizes {
-            description.set_start(name, Literal::Text(size.clone()));
+            component.start.insert(name.clone(), Literal::Text(size.clone()));
         }
         let mut plan = Plan::new(&description)?;
-        Ok(Self(plan.components.swap_remove(0)))
+        Ok(Self(plan.components.all.swap_remove(0)))
     }
 
     /// Its file.
@@ -125,7 +126,7 @@ impl Names {
     /// # Errors
     /// There is no such variable; the error names similar ones.
     pub fn find(&self, name: &str) -> Result<Range<usize>> {
-        self.0.fmu.find_all(name)
+        self.0.fmu.scalars_of(name)
     }
 
     /// The values of a scalar, or of all elements of an array, in their types.
@@ -135,15 +136,12 @@ impl Names {
     pub fn typed(&self, name: &str, value: Literal) -> Result<Vec<(usize, Value)>> {
         let fmu = &self.0.fmu;
         // The usual case.
-        if let Some(scalar) = fmu.scalar(name) {
+        if let Some(scalar) = fmu.get_scalar(name) {
             return Ok(vec![(scalar, value.typed(fmu.variable(scalar), name)?)]);
         }
         let value = if value.is_array() { value } else { Literal::Array(vec![value]) };
-        let typed = assigned(fmu, name, name, &value)?.into_iter();
-        let typed = typed.map(|Assigned { scalar, name, value }| {
-            Ok((scalar, value.typed(fmu.variable(scalar), &name)?))
-        });
-        typed.collect()
+        let literals = scalar_literals(fmu, name, name, &value)?.into_iter();
+        literals.map(|literal| Ok((literal.scalar, literal.value(fmu)?))).collect()
     }
 }
 
@@ -176,7 +174,13 @@ impl SteppedFmu {
         let Names(planned) = Names::open(setup)?;
         let messages = Messages::recorded(record.clone());
         Ok(Self {
-            component: ComponentInstance::new(0, &planned, &[], &BTreeMap::new(), &messages)?,
+            component: ComponentInstance::new(
+                0,
+                &planned,
+                &[],
+                &StartValues::default(),
+                &messages,
+            )?,
             planned,
             messages,
             time: setup.start,
@@ -273,10 +277,8 @@ impl SteppedFmu {
 
     fn initialize(&mut self, starts: &[(usize, Value)]) -> Called {
         let LoadedComponent { tolerance, .. } = self.planned;
-        let starts = starts.iter().map(|(scalar, value)| (*scalar, value));
-        let own = self.planned.starts.iter().map(|(scalar, value)| (*scalar, value));
-        let all = own.chain(starts).collect();
-        self.component.set_up((self.time, None), tolerance, &all)?;
+        let starts = StartValues::new(self.planned.starts.iter().chain(starts));
+        self.component.set_up((self.time, None), tolerance, &starts)?;
         self.component.enter_initialization()?;
         self.component.exit_initialization()?;
         self.component.begin(None, tolerance, (self.time, f64::INFINITY))?;
@@ -296,8 +298,9 @@ impl SteppedFmu {
     fn get(&mut self, scalars: &[usize]) -> Result<Vec<Value>> {
         let fmu = self.planned.fmu.clone();
         let mut values = Vec::with_capacity(scalars.len());
-        for same in scalars.chunk_by(|a, b| fmu.access(*a) == fmu.access(*b)) {
-            let (kind, wired) = (fmu.access(same[0]), AccessList::of(&fmu, same.iter().copied()));
+        for same in scalars.chunk_by(|a, b| fmu.access_type(*a) == fmu.access_type(*b)) {
+            let (kind, wired) =
+                (fmu.access_type(same[0]), AccessList::of(&fmu, same.iter().copied()));
             let get = accessor("get", fmu.version, kind);
             let got = self.component.get(kind, get, &wired);
             values.extend(self.with_time(got)?);
@@ -310,7 +313,7 @@ impl SteppedFmu {
         let fmu = self.planned.fmu.clone();
         for given in values.chunk_by(|(a, _), (b, _)| fmu.array(*a) == fmu.array(*b)) {
             let scalar = given[0].0;
-            let (variable, kind) = (fmu.variable(scalar), fmu.access(scalar));
+            let (variable, kind) = (fmu.variable(scalar), fmu.access_type(scalar));
             let mut array = match variable.element_count() == given.len() {
                 true => vec![Value::Boolean(false); given.len()],
                 false => self.get(&Vec::from_iter(fmu.array(scalar)))?,

@@ -7,9 +7,10 @@ use fmu_host::Listed;
 use fmu_worker::Function;
 
 use crate::access_list::{AccessList, accessor};
+use crate::components::{LoadedComponent, ScalarId};
+use crate::connections::ResolvedConnection;
 use crate::fault::{FaultState, FaultyConnection};
 use crate::input::InputTable;
-use crate::plan::{LoadedComponent, ResolvedConnection, ScalarId};
 use crate::store::{Place, RecordedSignals, Transfer, places};
 use crate::{Conversion, Description};
 
@@ -82,7 +83,7 @@ impl FeedingOutputs {
         components: &[LoadedComponent],
         port: ScalarId,
     ) -> &'a mut Self {
-        let (component, kind) = (port.component, port.access(components));
+        let (component, kind) = (port.component, port.access_type(components));
         let found = all.iter().position(|feed| (feed.component, feed.kind) == (component, kind));
         let index = found.unwrap_or_else(|| {
             let get = accessor("get", components[component].fmu.version, kind);
@@ -122,7 +123,7 @@ impl VariableGroup {
         components: &[LoadedComponent],
         port: ScalarId,
     ) -> &'a mut Self {
-        let (all, kind) = (&mut all[port.component], port.access(components));
+        let (all, kind) = (&mut all[port.component], port.access_type(components));
         let found = all.iter().position(|ports| ports.kind == kind);
         let index = found.unwrap_or_else(|| {
             all.push(Self::new(components[port.component].fmu.version, kind));
@@ -150,7 +151,7 @@ impl Wiring {
         let connected = links.iter().map(|link| link.from);
         let mut outputs = Vec::from_iter(recorded.iter().copied().chain(connected));
         outputs.retain(|port| seen.insert(*port));
-        outputs.sort_by_key(|port| (port.component, port.access(components) as u8));
+        outputs.sort_by_key(|port| (port.component, port.access_type(components) as u8));
         let mut counts = [0; 2];
         let add = |port: ScalarId| {
             let ports = VariableGroup::of(&mut wired, components, port);
@@ -165,7 +166,7 @@ impl Wiring {
         let outputs: HashMap<ScalarId, Place> = outputs.into_iter().map(add).collect();
 
         let [mut before, mut after] = [RecordedSignals::default(), RecordedSignals::default()];
-        let kinds = recorded.iter().map(|port| port.of(components).of_type);
+        let kinds = recorded.iter().map(|port| port.variable(components).of_type);
         for (port, column) in recorded.iter().zip(places(kinds)) {
             let records = if components[port.component].sampled { &mut after } else { &mut before };
             match (outputs[port], column) {
@@ -209,7 +210,7 @@ impl Wiring {
             feed.places.push(output);
         }
         let mut fed = Vec::new();
-        for port in input.iter().flat_map(|input| input.ports()) {
+        for port in input.iter().flat_map(|input| input.scalars()) {
             let ports = VariableGroup::of(&mut wired, components, port);
             let output = Place::next(ports.kind, &mut counts);
             fed.push(output);

@@ -66,7 +66,7 @@ impl Loaded {
             None => system.plan(compute)?.0,
         };
         let (system, plan) = self.0.insert((system, plan));
-        Ok((plan, plan.texts(&system.sets)?))
+        Ok((plan, plan.start_values(&system.sets)?))
     }
 }
 

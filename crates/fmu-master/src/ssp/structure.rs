@@ -44,15 +44,15 @@ pub fn document(
             .listing(vocabulary::BINDINGS, bindings(planned, &mut terms))
     });
     let components = components.collect();
-    let connections = plan.links.iter().map(|link| {
-        let [from, to] = [link.from, link.to].map(|port| port.of(&plan.components));
+    let connections = plan.connections.iter().map(|connection| {
+        let [from, to] = [connection.from, connection.to].map(|id| id.variable(&plan.components));
         Element::new(vocabulary::CONNECTION)
-            .with("startElement", &identifiers[link.from.component])
+            .with("startElement", &identifiers[connection.from.component])
             .with("startConnector", &from.name)
-            .with("endElement", &identifiers[link.to.component])
+            .with("endElement", &identifiers[connection.to.component])
             .with("endConnector", &to.name)
-            .with_some("suppressUnitConversion", link.conversion.map(|_| true))
-            .holding_all(link.conversion.map(|conversion| {
+            .with_some("suppressUnitConversion", connection.conversion.map(|_| true))
+            .holding_all(connection.conversion.map(|conversion| {
                 Element::new(vocabulary::LINEAR)
                     .with("factor", real(conversion.factor))
                     .with("offset", real(conversion.offset))

@@ -30,7 +30,7 @@ impl Package {
     pub fn new(system: &Path, description: &Description, folder: &Path) -> Result<Self> {
         let pack = || {
             let plan = Plan::new(description)?;
-            for LoadedComponent { fmu, .. } in &plan.components {
+            for LoadedComponent { fmu, .. } in &*plan.components {
                 ensure!(
                     fmu.version == FmiVersion::Fmi2,
                     "{} is of FMI {}, expected 2.0: SSP 1.0 has no arrays",
@@ -91,11 +91,11 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
             warnings.push(format!("leaves out the key {key}, which SSP does not know"));
         }
     }
-    for link in plan.links.iter().filter(|link| !link.faults.is_empty()) {
+    for connection in plan.connections.iter().filter(|c| !c.faults.is_empty()) {
         warnings.push(format!(
             "leaves out the faults of {} -> {}, which SSP does not know",
-            link.from.name(&plan.components),
-            link.to.name(&plan.components)
+            connection.from.name(&plan.components),
+            connection.to.name(&plan.components)
         ));
     }
     for (component, identifier) in plan.components.iter().zip(identifiers) {

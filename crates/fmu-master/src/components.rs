@@ -1,0 +1,268 @@
+//! The components of a system with their loaded FMUs, and the names of their variables, `component.variable`.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::ops::Deref;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::{Causality, Type, Value, Variability, Variable};
+use fmu_host::InterfaceType;
+
+use crate::fmu::{Sizes, similar};
+use crate::start::{scalar_literals, sizes};
+use crate::{Component, Description, Fmu};
+
+/// A component whose FMU is loaded.
+pub struct LoadedComponent {
+    /// Its name in the system.
+    pub name: String,
+    /// The beginning of the names of its variables in the system: its name and a dot; nothing for a single FMU.
+    pub(crate) prefix: String,
+    /// Its FMU, shared by components with the same file.
+    pub fmu: Arc<Fmu>,
+    /// Whether its outputs after a step belong to the sample taken at the start of the step.
+    pub(crate) sampled: bool,
+    /// Whether `sampled` follows from its outputs, as the description does not say.
+    pub(crate) is_guess: bool,
+    /// The relative tolerance of its solver.
+    pub(crate) tolerance: Option<f64>,
+    /// The start values of the description, by the indices of scalars.
+    pub(crate) starts: Vec<(usize, Value)>,
+}
+
+impl LoadedComponent {
+    fn load(component: &Component, system: &Description, fmus: &mut Fmus) -> Result<Self> {
+        let mut open = |sizes| {
+            open(component, system, sizes, fmus)
+                .with_context(|| format!("component {}", component.name))
+        };
+        let full_name = |name: &str| format!("{}.{name}", component.name);
+        let mut fmu = open(Sizes::new())?;
+        let sizes = sizes(&fmu, &component.start, full_name)?;
+        if !sizes.is_empty() {
+            fmu = open(sizes)?;
+        }
+        let mut starts = Vec::new();
+        for (name, literal) in &component.start {
+            for literal in scalar_literals(&fmu, name, &full_name(name), literal)? {
+                starts.push((literal.scalar, literal.start_value(&fmu)?));
+            }
+        }
+        Ok(Self {
+            name: component.name.clone(),
+            prefix: if system.is_single { String::new() } else { full_name("") },
+            sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
+            is_guess: component.sampled.is_none() && component.function.is_none(),
+            tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
+            starts,
+            fmu,
+        })
+    }
+
+    /// Whether the master integrates its equations.
+    pub(crate) fn integrates(&self) -> bool {
+        self.fmu.interface_type == InterfaceType::ModelExchange
+    }
+
+    /// The name of a scalar in the system.
+    pub(crate) fn name_of(&self, scalar: usize) -> String {
+        format!("{}{}", self.prefix, self.fmu.name(scalar))
+    }
+
+    /// The start values of the description.
+    pub fn starts(&self) -> impl Iterator<Item = (&Variable, &Value)> {
+        let starts = self.starts.iter();
+        starts.map(|(scalar, value)| (self.fmu.variable(*scalar), value))
+    }
+}
+
+/// The opened FMUs by their files, interface types and sizes.
+type Fmus = HashMap<(PathBuf, Option<InterfaceType>, Sizes), Arc<Fmu>>;
+
+fn open(
+    component: &Component,
+    system: &Description,
+    sizes: Sizes,
+    fmus: &mut Fmus,
+) -> Result<Arc<Fmu>> {
+    if let Some(function) = &component.function {
+        let variables = function.variables(&component.name, system.step)?;
+        return Ok(Arc::new(Fmu::of_function(&component.fmu, function, variables)));
+    }
+    let key = (component.fmu.clone(), component.interface, sizes);
+    if let Some(fmu) = fmus.get(&key) {
+        return Ok(fmu.clone());
+    }
+    let fmu = Arc::new(Fmu::open(&component.fmu, component.interface, &key.2, system.sandbox)?);
+    fmus.insert(key, fmu.clone());
+    Ok(fmu)
+}
+
+/// Whether all outputs are discrete, as in a sampled controller.
+fn is_sampled(fmu: &Fmu) -> bool {
+    let outputs = fmu.variables.iter().filter(|v| v.causality == Causality::Output);
+    let mut outputs = outputs.peekable();
+    outputs.peek().is_some() && outputs.all(|v| v.variability == Variability::Discrete)
+}
+
+/// A scalar of a system, by the index of its component and its index in the FMU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct ScalarId {
+    pub(crate) component: usize,
+    pub(crate) scalar: usize,
+}
+
+impl ScalarId {
+    pub(crate) fn fmu(self, components: &[LoadedComponent]) -> &Fmu {
+        &components[self.component].fmu
+    }
+
+    pub(crate) fn variable(self, components: &[LoadedComponent]) -> &Variable {
+        self.fmu(components).variable(self.scalar)
+    }
+
+    /// The type whose functions get and set it.
+    pub(crate) fn access_type(self, components: &[LoadedComponent]) -> Type {
+        self.fmu(components).access_type(self.scalar)
+    }
+
+    /// Its name in the system.
+    pub(crate) fn name(self, components: &[LoadedComponent]) -> String {
+        components[self.component].name_of(self.scalar)
+    }
+}
+
+/// The components of a system, in its order.
+pub struct Components {
+    pub(crate) all: Vec<LoadedComponent>,
+    /// The indices of the components by the prefixes of their variables.
+    by_prefix: HashMap<String, usize>,
+}
+
+impl Deref for Components {
+    type Target = [LoadedComponent];
+
+    fn deref(&self) -> &[LoadedComponent] {
+        &self.all
+    }
+}
+
+impl Components {
+    /// Loads the FMUs of a system, each file once.
+    ///
+    /// # Errors
+    /// A name, a tolerance or a start value is invalid, or an FMU cannot be used.
+    pub(crate) fn load(description: &Description) -> Result<Self> {
+        ensure!(!description.components.is_empty(), "the system has no component");
+        // Dots separate the names of nested systems of a package.
+        let is_invalid = |c: char| c.is_control() || (c == '.' && description.package.is_none());
+        let mut fmus = Fmus::new();
+        let mut all: Vec<LoadedComponent> = Vec::new();
+        for component in &description.components {
+            let name = &component.name;
+            ensure!(
+                !name.is_empty() && !name.contains(is_invalid),
+                "the component name {name:?} is invalid; expected a name without dots and control characters"
+            );
+            ensure!(
+                all.iter().all(|other| other.name != *name),
+                "two components have the name {name}"
+            );
+            check_tolerance(&format!("tolerance of {name}"), component.tolerance)?;
+            let new = LoadedComponent::load(component, description, &mut fmus)?;
+            if let Some(other) = all.iter().find(|c| c.fmu.path == new.fmu.path) {
+                ensure!(
+                    !new.fmu.only_once,
+                    "{} allows only one instance; {} and {name} both use it",
+                    new.fmu.file_name(),
+                    other.name
+                );
+            }
+            all.push(new);
+        }
+        let prefixes = all.iter().map(|component| component.prefix.clone());
+        Ok(Self { by_prefix: prefixes.zip(0..).collect(), all })
+    }
+
+    /// All scalars of all components.
+    pub(crate) fn scalars(&self) -> impl Iterator<Item = ScalarId> {
+        self.iter().enumerate().flat_map(|(component, loaded)| {
+            (0..loaded.fmu.scalars.len()).map(move |scalar| ScalarId { component, scalar })
+        })
+    }
+
+    /// The scalar `component.variable`, or the variable of a single FMU.
+    ///
+    /// # Errors
+    /// There is no such scalar; the error names similar ones.
+    pub(crate) fn scalar(&self, name: &str) -> Result<ScalarId> {
+        let (component, scalar) = self.lookup(name, Fmu::scalar)?;
+        Ok(ScalarId { component, scalar })
+    }
+
+    /// The component of a name, and the rest of the name, which need not be a variable of its FMU.
+    ///
+    /// # Errors
+    /// There is no such component; the error names similar ones.
+    pub(crate) fn split<'a>(&self, name: &'a str) -> Result<(usize, &'a str)> {
+        // Of several components, the one with the longest name.
+        let mut ends = name.rmatch_indices('.').map(|(dot, _)| dot + 1).chain([0]);
+        let owner = ends.find_map(|end| Some((*self.by_prefix.get(&name[..end])?, &name[end..])));
+        if let Some(owner) = owner {
+            return Ok(owner);
+        }
+        // The end of a name, as pid.kp of controller.pid.kp.
+        let end = format!(".{name}");
+        let longer = self.scalars().map(|id| id.name(self));
+        let longer = Vec::from_iter(longer.filter(|longer| longer.ends_with(&end)).take(3));
+        let did_you_mean = format!("did you mean {}?", longer.join(" or "));
+        let Some((component, _)) = name.split_once('.') else {
+            let hint = if longer.is_empty() { String::new() } else { format!("; {did_you_mean}") };
+            bail!("{name:?} is not of the form component.variable{hint}");
+        };
+        let names = Vec::from_iter(self.iter().map(|c| c.name.as_str()));
+        let known = match similar(component, names.iter().copied()).first() {
+            Some(name) => format!("did you mean {name}?"),
+            None if !longer.is_empty() => did_you_mean,
+            None => format!("the components are {}", names.join(", ")),
+        };
+        bail!("{name}: there is no component {component:?}; {known}")
+    }
+
+    /// The name of a variable whose start value is set, without quotes around the name of its component, which may have
+    /// an equals sign.
+    pub(crate) fn unquoted<'a>(&self, name: &'a str) -> Cow<'a, str> {
+        let quoted = name.strip_prefix('\'').and_then(|rest| rest.split_once("'."));
+        match quoted {
+            Some((component, variable)) if self.scalar(name).is_err() => {
+                format!("{component}.{variable}").into()
+            }
+            _ => name.into(),
+        }
+    }
+
+    /// The component of a name, and what `find` finds in its FMU.
+    pub(crate) fn lookup<T>(
+        &self,
+        name: &str,
+        find: impl Fn(&Fmu, &str) -> Result<T>,
+    ) -> Result<(usize, T)> {
+        let (component, variable) = self.split(name)?;
+        let LoadedComponent { prefix, fmu, .. } = &self[component];
+        let found = find(fmu, variable);
+        let found = if prefix.is_empty() { found } else { found.with_context(|| name.to_owned()) };
+        Ok((component, found?))
+    }
+}
+
+/// Checks a tolerance, which `key` names.
+pub(crate) fn check_tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
+    match tolerance {
+        Some(value) if !(value > 0.0 && value.is_finite()) => {
+            bail!("{key} = {value} is invalid, expected a positive number")
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,175 @@
+//! Start values: from the literal of the user to the FMU.
+//!
+//! 1. A [`Literal`] comes from a system file or package ([`Component::start`](crate::Component)), from `--set` or Python
+//!    ([`Overrides::sets`](crate::Overrides)), or from a sweep, with the name of a variable.
+//! 2. [`scalar_literals`] finds the variable in the model description: one scalar, or all elements of an array, each with
+//!    its literal.
+//! 3. [`ScalarLiteral::start_value`] checks that the scalar has a start value, and gives it as a [`Value`] of its type.
+//!    Those of the description stay in the [`LoadedComponent`](crate::LoadedComponent), those of a run are
+//!    [`StartValue`]s, which [`Plan::start`](crate::Plan::start) makes.
+//! 4. [`StartValues`] are the start values of one component in one run, which
+//!    [`ComponentInstance::set_up`](crate::component_instance::ComponentInstance::set_up) sets on the FMU.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashSet};
+
+use anyhow::{Error, Result, bail, ensure};
+use fmu_description::{Causality, Initial, Value, Variability};
+
+use crate::access_list::AccessList;
+use crate::fmu::Sizes;
+use crate::{Fmu, Literal};
+
+/// A start value that fits its variable: of a scalar, or of all elements of an array.
+#[derive(Debug, Clone)]
+pub struct StartValue {
+    pub(crate) component: usize,
+    /// The values by the indices of the scalars.
+    pub(crate) values: Vec<(usize, Value)>,
+}
+
+/// The literal of a scalar, and the name of the scalar in messages.
+pub(crate) struct ScalarLiteral<'a> {
+    pub(crate) scalar: usize,
+    pub(crate) name: Cow<'a, str>,
+    pub(crate) literal: Cow<'a, Literal>,
+}
+
+/// The literal of a variable of an FMU for its scalar, or for each element of an array. `full_name` is the name of the
+/// variable in messages.
+///
+/// # Errors
+/// There is no such variable, or the shapes differ.
+pub(crate) fn scalar_literals<'a>(
+    fmu: &Fmu,
+    variable: &str,
+    full_name: &'a str,
+    literal: &'a Literal,
+) -> Result<Vec<ScalarLiteral<'a>>> {
+    let named = |error: Error| match variable == full_name {
+        true => error,
+        false => error.context(full_name.to_owned()),
+    };
+    if fmu.get_scalar(variable).is_some() || !literal.is_array() {
+        let scalar = fmu.scalar(variable).map_err(named)?;
+        let literal = Cow::Borrowed(literal);
+        return Ok(vec![ScalarLiteral { scalar, name: full_name.into(), literal }]);
+    }
+    let scalars = fmu.scalars_of(variable).map_err(named)?;
+    let literals = literal.elements(&fmu.variable(scalars.start).dimensions, full_name)?;
+    let element = |(scalar, literal)| {
+        let name = format!("{full_name}{}", &fmu.name(scalar)[variable.len()..]);
+        ScalarLiteral { scalar, name: name.into(), literal: Cow::Owned(literal) }
+    };
+    Ok(scalars.zip(literals).map(element).collect())
+}
+
+impl ScalarLiteral<'_> {
+    /// The literal as a value of the type of the scalar.
+    ///
+    /// # Errors
+    /// The literal does not fit the type.
+    pub(crate) fn value(&self, fmu: &Fmu) -> Result<Value> {
+        self.literal.typed(fmu.variable(self.scalar), &self.name)
+    }
+
+    /// The literal as the start value of the scalar.
+    ///
+    /// # Errors
+    /// The scalar has no start value that can be set, or the literal does not fit its type.
+    pub(crate) fn start_value(&self, fmu: &Fmu) -> Result<Value> {
+        let Self { scalar, name, literal } = self;
+        if let Some(reason) = fmu.unusable(*scalar) {
+            bail!("{name} = {literal} cannot be set: {reason}");
+        }
+        let variable = fmu.variable(*scalar);
+        let has_start = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
+        ensure!(
+            variable.causality == Causality::Input
+                || variable.is_parameter()
+                || (has_start && variable.variability != Variability::Constant),
+            "{name} = {literal} cannot be set: only inputs, parameters, and variables with initial exact or approx have start values"
+        );
+        self.value(fmu)
+    }
+}
+
+/// The values of the structural parameters among the literals of a component, which are the sizes of its arrays.
+///
+/// # Errors
+/// A literal does not fit.
+pub(crate) fn sizes(
+    fmu: &Fmu,
+    literals: &BTreeMap<String, Literal>,
+    full_name: impl Fn(&str) -> String,
+) -> Result<Sizes> {
+    let mut sizes = Sizes::new();
+    for (name, literal) in literals {
+        // Names of other elements may exist only with these sizes.
+        let Some(scalar) = fmu.get_scalar(name) else { continue };
+        if fmu.variable(scalar).causality == Causality::StructuralParameter {
+            let (full_name, literal) = (full_name(name).into(), Cow::Borrowed(literal));
+            let value = ScalarLiteral { scalar, name: full_name, literal }.start_value(fmu)?;
+            sizes.extend(value.as_whole().map(|size| (name.clone(), size)));
+        }
+    }
+    Ok(sizes)
+}
+
+/// The start values of a component in one run, by the indices of its scalars.
+#[derive(Default)]
+pub(crate) struct StartValues<'a>(BTreeMap<usize, &'a Value>);
+
+impl<'a> StartValues<'a> {
+    /// Start values in their order; a later one replaces an earlier one.
+    pub(crate) fn new(values: impl Iterator<Item = &'a (usize, Value)>) -> Self {
+        Self(values.map(|(scalar, value)| (*scalar, value)).collect())
+    }
+
+    /// The scalars that have a start value, in the order of the FMU.
+    pub(crate) fn scalars(&self) -> impl Iterator<Item = usize> {
+        self.0.keys().copied()
+    }
+
+    /// Checks that arrays of which elements are set can be set as a whole; `name_of` names a scalar in a message.
+    ///
+    /// # Errors
+    /// An element is not set, and the FMU has no start value for it, as its description belongs to a smaller array.
+    pub(crate) fn check_arrays(&self, fmu: &Fmu, name_of: impl Fn(usize) -> String) -> Result<()> {
+        let is_missing =
+            |scalar: &usize| fmu.start(*scalar).is_none() && !self.0.contains_key(scalar);
+        let mut checked = None;
+        for scalar in self.scalars() {
+            let mut array = fmu.array(scalar);
+            if array.len() > 1
+                && checked.replace(array.start) != Some(array.start)
+                && let Some(missing) = array.find(is_missing)
+            {
+                bail!(
+                    "{} cannot be set without {}, for which the FMU has no start value",
+                    name_of(scalar),
+                    name_of(missing)
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// The values of a list before any scalar is connected. An array is set as a whole, so that elements without a start
+    /// value of the user have the one of the model description.
+    pub(crate) fn initial(&self, list: &AccessList, fmu: &Fmu) -> Vec<Value> {
+        let mut values = vec![Value::Boolean(false); list.elements];
+        let mut known = HashSet::new();
+        for (scalar, position) in list.scalars.iter().zip(&list.positions) {
+            let first = position - fmu.scalars[*scalar].element;
+            if !known.insert(first) {
+                continue;
+            }
+            for (value, scalar) in values[first..].iter_mut().zip(fmu.array(*scalar)) {
+                let start = self.0.get(&scalar).copied().or(fmu.start(scalar));
+                *value = start.cloned().unwrap_or(Value::Boolean(false));
+            }
+        }
+        values
+    }
+}
