@@ -138,7 +138,7 @@ fn model(
     let drive = input.generics.params.is_empty().then(|| {
         quote! {
             impl #krate::testing::Drive for #ident {
-                const INSTANCE: fn(Self) -> #krate::testing::Instance =
+                const INSTANCE: fn(Self) -> #krate::testing::DrivenInstance =
                     #krate::testing::instance::<Self, { <#ident as #krate::Variables>::COUNT }>;
             }
         }

@@ -4,12 +4,12 @@ use fmi_abi::state::State;
 use fmu_description::table::{Bounds, Declaration};
 use fmu_description::{Causality, Dynamics, Type, Value};
 
-use crate::bound::AnyModel;
-use crate::component::Component;
+use crate::instance::Instance;
+use crate::laid_out::AnyModel;
 use crate::model::{ModelError, ensure, refused};
 use crate::values::{check_type, unknown};
 
-impl Component {
+impl Instance {
     /// The derivative of unknowns with respect to knowns in a direction of the knowns.
     pub(crate) fn get_directional_derivative(
         &mut self,
@@ -82,7 +82,7 @@ impl Component {
         direction: &[f64],
     ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
         ensure!(
-            self.model.facts().has_directional_derivatives,
+            self.model.info().has_directional_derivatives,
             "the model has no derivatives with respect to inputs and states"
         );
         let is_initial = self.shared.lifecycle.state == State::Initialization;
@@ -120,7 +120,7 @@ impl Component {
         expected: &str,
         has_part: &dyn Fn(&Declaration) -> bool,
     ) -> Result<(), ModelError> {
-        let (count, version) = (self.model.facts().count, self.shared.settings.edge.version);
+        let (count, version) = (self.model.info().count, self.shared.settings.edge.version);
         match self.model.find(reference) {
             None => Err(unknown(count, reference)),
             Some(scalar) if !has_part(scalar.variable) => {
@@ -193,7 +193,7 @@ impl Component {
         values: &[f64],
     ) -> Result<(), ModelError> {
         for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
-            let count = self.model.facts().count;
+            let count = self.model.info().count;
             let scalar = self.model.find(reference);
             let name = scalar.ok_or_else(|| unknown(count, reference))?.name();
             ensure!(
@@ -243,13 +243,13 @@ impl Component {
 
     /// The value reference of the time derivative of an output.
     fn derivative_of_output(&mut self, reference: u32, order: i32) -> Result<u32, ModelError> {
-        let facts = self.model.facts();
+        let info = self.model.info();
         let scalar = self.model.find(reference);
-        let scalar = scalar.ok_or_else(|| unknown(facts.count, reference))?;
+        let scalar = scalar.ok_or_else(|| unknown(info.count, reference))?;
         let name = scalar.name();
         ensure!(scalar.variable.causality == Causality::Output, "{name} is not an output");
         check_order(&name, order)?;
-        let mut states = facts.states.iter();
+        let mut states = info.states.iter();
         match states.find(|integrated| integrated.state == reference) {
             Some(integrated) => Ok(integrated.derivative),
             None => refused!("the derivative of {name} is not known"),

@@ -8,10 +8,10 @@ use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
 use fmu_description::{Interface, Overrides};
 
-use crate::bound::{Bound, Variant};
-use crate::component::{Guid, Pointer, Settings};
-use crate::instance;
-use crate::lifecycle::Mode;
+use crate::fast;
+use crate::instance::{Guid, Pointer, Settings};
+use crate::laid_out::{LaidOut, Variant};
+use crate::lifecycle::InstanceType;
 use crate::model::Model;
 
 /// A model of a library, before it is instantiated.
@@ -31,10 +31,10 @@ pub struct Entry {
 /// The interface of the model `M` with `N` scalar variables, or of a variant of it; see
 /// [`Overrides::of`]. An invalid table fails the compilation here.
 pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) -> Interface {
-    let scalars = Bound::<M, N>::ROWS;
+    let scalars = LaidOut::<M, N>::ROWS;
     check(scalars);
     assert!(
-        !(M::IS_INTEGRATED && Bound::<M, N>::HAS_INPUT_DERIVATIVES),
+        !(M::IS_INTEGRATED && LaidOut::<M, N>::HAS_INPUT_DERIVATIVES),
         "an input with the option `derivative` needs a step that uses it: #[model(continuous, step = Self::step)]"
     );
     let variant = match variant {
@@ -73,7 +73,7 @@ impl Entry {
             variant: Variant::of(interface.overrides),
             guid: guid(&interface),
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
-            create: instance::create::<M, N>,
+            create: fast::create::<M, N>,
             #[cfg(target_arch = "wasm32")]
             needs: crate::edge::wasm::Needs::of::<M>(),
             _embedded: embedded,
@@ -104,7 +104,7 @@ impl Entry {
         std::str::from_utf8(&self.guid).unwrap_or_default()
     }
 
-    /// Creates an instance, to be freed with [`instance::free`].
+    /// Creates an instance, to be freed with [`fast::free`].
     pub(crate) fn create(&'static self, settings: Settings) -> Pointer {
         (self.create)(settings, (&self.guid, self.variant))
     }
@@ -112,11 +112,11 @@ impl Entry {
     /// Finds the model that a host instantiates.
     ///
     /// # Errors
-    /// The arguments of the host are invalid, or the model is not for this mode.
+    /// The arguments of the host are invalid, or the model has no instances of this type.
     pub(crate) fn choose(
         models: &'static [Self],
         name: Option<&CStr>,
-        mode: Mode,
+        instance_type: InstanceType,
         guid: Option<&CStr>,
         version: FmiVersion,
     ) -> Result<&'static Self, String> {
@@ -139,11 +139,11 @@ impl Entry {
                 known.join(", ")
             )
         })?;
-        match mode {
-            Mode::ModelExchange if !model.is_for_model_exchange => {
+        match instance_type {
+            InstanceType::ModelExchange if !model.is_for_model_exchange => {
                 Err(format!("{} is for co-simulation, not for model exchange", model.name()))
             }
-            Mode::CoSimulationWithEvents if !model.is_for_model_exchange => Err(format!(
+            InstanceType::CoSimulationWithEvents if !model.is_for_model_exchange => Err(format!(
                 "eventModeUsed is true, but {} has no event mode: hasEventMode is false",
                 model.name()
             )),

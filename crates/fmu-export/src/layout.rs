@@ -42,16 +42,16 @@ impl Place {
 
 /// The elements of a variable.
 #[derive(Clone, Copy)]
-pub(crate) struct Array {
+pub(crate) struct Extent {
     /// Number of elements; 0 if the reference does not belong to a first element.
     pub(crate) count: u32,
     /// Number of elements that are in use by default.
     pub(crate) default: u32,
-    /// Offset of the number of elements in use; [`Array::ALL`] if all are.
+    /// Offset of the number of elements in use; [`Extent::ALL`] if all are.
     pub(crate) size: u32,
 }
 
-impl Array {
+impl Extent {
     pub(crate) const ALL: u32 = u32::MAX;
     /// That of no variable.
     const EMPTY: Self = Self { count: 0, default: 0, size: Self::ALL };
@@ -59,7 +59,7 @@ impl Array {
 
 /// A state and its derivative.
 #[derive(Clone, Copy)]
-pub(crate) struct Integrated {
+pub(crate) struct ContinuousState {
     /// Value references.
     pub(crate) state: u32,
     pub(crate) derivative: u32,
@@ -71,12 +71,12 @@ pub(crate) struct Integrated {
 
 /// Up to `N` items.
 #[derive(Clone, Copy)]
-pub(crate) struct List<T, const N: usize> {
+pub(crate) struct BoundedList<T, const N: usize> {
     items: [T; N],
     length: usize,
 }
 
-impl<T: Copy, const N: usize> List<T, N> {
+impl<T: Copy, const N: usize> BoundedList<T, N> {
     const fn new(filler: T) -> Self {
         Self { items: [filler; N], length: 0 }
     }
@@ -98,11 +98,11 @@ pub(crate) struct Tables<const N: usize> {
     pub(crate) scalars: [Place; N],
     /// The first elements of all variables, and how many elements there are.
     pub(crate) variables: [Place; N],
-    pub(crate) arrays: [Array; N],
+    pub(crate) arrays: [Extent; N],
     /// In the order of the derivatives.
-    pub(crate) states: List<Integrated, N>,
+    pub(crate) states: BoundedList<ContinuousState, N>,
     /// Offsets.
-    pub(crate) event_indicators: List<usize, N>,
+    pub(crate) event_indicators: BoundedList<usize, N>,
     /// Whether the host may set the time derivative of any input.
     pub(crate) has_input_derivatives: bool,
     /// Whether any variable causes an event by a new value.
@@ -120,15 +120,15 @@ impl<const N: usize> Tables<N> {
             elements: [Place::EMPTY; N],
             scalars: [Place::EMPTY; N],
             variables: [Place::EMPTY; N],
-            arrays: [Array::EMPTY; N],
-            states: List::new(Integrated {
+            arrays: [Extent::EMPTY; N],
+            states: BoundedList::new(ContinuousState {
                 state: 0,
                 derivative: 0,
                 state_offset: 0,
                 derivative_offset: 0,
                 nominal: 1.0,
             }),
-            event_indicators: List::new(0),
+            event_indicators: BoundedList::new(0),
             has_input_derivatives: false,
             has_switches: false,
             directional_derivatives: (false, false),
@@ -176,7 +176,7 @@ impl<const N: usize> Tables<N> {
                 {
                     let mut element = 0;
                     while element < count {
-                        self.states.items[self.states.length] = Integrated {
+                        self.states.items[self.states.length] = ContinuousState {
                             state: (of + element) as u32,
                             derivative: (reference + element) as u32,
                             state_offset: state_offset + element * size_of::<f64>(),
@@ -228,12 +228,12 @@ const fn is_switch(field: &Declaration) -> bool {
 }
 
 /// What the code that all models share knows of a model.
-pub(crate) struct Facts {
+pub(crate) struct ModelInfo {
     pub(crate) rows: &'static [TableRow],
     /// Number of scalar variables; their value references are 0 to `count - 1`.
     pub(crate) count: usize,
-    pub(crate) arrays: &'static [Array],
-    pub(crate) states: &'static [Integrated],
+    pub(crate) arrays: &'static [Extent],
+    pub(crate) states: &'static [ContinuousState],
     /// Offsets.
     pub(crate) event_indicators: &'static [usize],
     /// Whether the model has a sample time.

@@ -54,13 +54,13 @@
 //! # How it works
 //!
 //! A call passes through two layers. The entry points in [`fmi2`] and [`fmi3`] convert pointers to slices and
-//! call the component, which implements what FMI requires of every FMU: the state machine, argument checks,
-//! the logger and the panic guard. The component accesses the model through its table. Only the entry points
+//! call the instance, which implements what FMI requires of every FMU: the state machine, argument checks,
+//! the logger and the panic guard. The instance accesses the model through its table. Only the entry points
 //! use the C types of FMI.
 //!
 //! The three calls that a host makes at every step (set Float64, step, get Float64) are compiled for each
 //! model. They have a fast path with a few checks, which never accepts a call that the component would
-//! refuse, and leave all other cases to the component.
+//! refuse, and leave all other cases to the instance.
 
 #![cfg_attr(
     any(
@@ -72,19 +72,19 @@
 
 #[cfg(all(fmu_export_no_backtrace, not(target_feature = "crt-static")))]
 mod backtrace;
-mod bound;
 mod clock;
-mod component;
 mod derivatives;
 mod edge;
 mod entry;
+mod fast;
 mod instance;
+mod laid_out;
 mod layout;
 mod lifecycle;
 mod log;
 mod model;
 mod resources;
-mod stepping;
+mod step;
 pub mod testing;
 mod values;
 

@@ -14,9 +14,9 @@ const MIN_TOLERANCE: f64 = 1e-9;
 /// The communication point before the first step: no step continues from it.
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 
-/// What the instance is for.
+/// The type of an instance, as the host chose it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) enum Mode {
+pub(crate) enum InstanceType {
     /// Co-simulation.
     CoSimulation,
     /// Co-simulation with event mode (FMI 3.0.2, section 4.1.1).
@@ -25,7 +25,7 @@ pub(crate) enum Mode {
     ModelExchange,
 }
 
-impl Mode {
+impl InstanceType {
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::CoSimulation => "co-simulation",
@@ -34,7 +34,7 @@ impl Mode {
         }
     }
 
-    /// Whether instances of this mode can be in a state.
+    /// Whether instances of this type can be in a state.
     pub(crate) const fn has(self, state: State) -> bool {
         match state {
             State::StepMode
@@ -47,7 +47,7 @@ impl Mode {
         }
     }
 
-    /// Why an instance of this mode does not have a function; `None` if it does.
+    /// Why an instance of this type does not have a function; `None` if it does.
     pub(crate) fn lacks(self, call: &Call) -> Option<&'static str> {
         match (call.group, self) {
             (Group::CoSimulation, Self::ModelExchange) => {
@@ -67,7 +67,7 @@ impl Mode {
 /// The lifecycle of an instance. Together with the model's values, this is its complete state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Lifecycle {
-    pub(crate) mode: Mode,
+    pub(crate) instance_type: InstanceType,
     pub(crate) state: State,
     pub(crate) start_time: f64,
     /// `f64::MAX` if there is none.
@@ -106,9 +106,9 @@ impl Integration {
 }
 
 impl Lifecycle {
-    pub(crate) const fn new(mode: Mode) -> Self {
+    pub(crate) const fn new(instance_type: InstanceType) -> Self {
         Self {
-            mode,
+            instance_type,
             state: State::Instantiated,
             start_time: 0.0,
             stop_time: f64::MAX,
@@ -191,7 +191,7 @@ mod tests {
         state: State::StepMode,
         stop_time: 2.0,
         time: 1.0,
-        ..Lifecycle::new(Mode::CoSimulation)
+        ..Lifecycle::new(InstanceType::CoSimulation)
     };
 
     fn is_allowed(lifecycle: &Lifecycle, time: f64, step: f64) -> bool {

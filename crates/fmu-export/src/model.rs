@@ -275,12 +275,12 @@ pub struct ModelError(Box<Inner>); // one word, so that a step returns its resul
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Inner {
     reason: String,
-    kind: Kind,
+    severity: Severity,
 }
 
 /// Whether the model remains usable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum Severity {
     /// The call was invalid, and the model is unchanged.
     Refused,
     /// The step was not taken, and the model is unchanged.
@@ -292,30 +292,30 @@ pub(crate) enum Kind {
 impl ModelError {
     /// An error after which the model cannot continue (`fmi2Error`).
     pub fn new(reason: impl Display) -> Self {
-        Self::of(Kind::Broken, &reason)
+        Self::of(Severity::Broken, &reason)
     }
 
     /// The step is invalid, for example its size, and the model is unchanged: the host may continue
     /// with another step (`fmi2Error`).
     pub fn refuse(reason: impl Display) -> Self {
-        Self::of(Kind::Refused, &reason)
+        Self::of(Severity::Refused, &reason)
     }
 
     /// The step could not be computed, and the model is unchanged: the host may restore an earlier
     /// state and try a smaller step (`fmi2Discard`).
     pub fn discard(reason: impl Display) -> Self {
-        Self::of(Kind::Discarded, &reason)
+        Self::of(Severity::Discarded, &reason)
     }
 
     #[cold]
     #[inline(never)]
-    fn of(kind: Kind, reason: &dyn Display) -> Self {
-        Self(Box::new(Inner { reason: reason.to_string(), kind }))
+    fn of(severity: Severity, reason: &dyn Display) -> Self {
+        Self(Box::new(Inner { reason: reason.to_string(), severity }))
     }
 
-    /// The same error of another kind.
-    pub(crate) fn with_kind(mut self, kind: Kind) -> Self {
-        self.0.kind = kind;
+    /// The same error of another severity.
+    pub(crate) fn with_severity(mut self, severity: Severity) -> Self {
+        self.0.severity = severity;
         self
     }
 
@@ -323,13 +323,13 @@ impl ModelError {
     #[cold]
     #[inline(never)]
     pub(crate) fn with_prefix(self, prefix: std::fmt::Arguments<'_>) -> Self {
-        Self::of(self.0.kind, &format_args!("{prefix}: {}", self.0.reason))
+        Self::of(self.0.severity, &format_args!("{prefix}: {}", self.0.reason))
     }
 
     /// The same error of a call that cannot be discarded.
     pub(crate) fn not_discarded(self) -> Self {
-        match self.0.kind {
-            Kind::Discarded => self.with_kind(Kind::Refused),
+        match self.0.severity {
+            Severity::Discarded => self.with_severity(Severity::Refused),
             _ => self,
         }
     }
@@ -344,8 +344,8 @@ impl ModelError {
         &self.0.reason
     }
 
-    pub(crate) fn kind(&self) -> Kind {
-        self.0.kind
+    pub(crate) fn severity(&self) -> Severity {
+        self.0.severity
     }
 }
 
@@ -355,7 +355,7 @@ impl Failure for ModelError {
     }
 
     fn is_discarded(&self) -> bool {
-        self.0.kind == Kind::Discarded
+        self.0.severity == Severity::Discarded
     }
 
     fn with_prefix(self, prefix: Arguments<'_>) -> Self {

@@ -15,12 +15,12 @@ use fmu_description::interface::GUID_LENGTH;
 
 pub use fmu_description::Value;
 
-use crate::bound::Bound;
-use crate::component::{Component, Edge, Outcome, Pointer, Settings};
-use crate::instance;
+use crate::fast;
+use crate::instance::{Edge, Instance, Pointer, Settings, Status};
+use crate::laid_out::LaidOut;
 use crate::log::{Category, Log};
-use crate::model::{Kind, Model, ModelError, ensure};
-use crate::values::Given;
+use crate::model::{Model, ModelError, Severity, ensure};
+use crate::values::HostValue;
 
 static EDGE: Edge = Edge {
     version: FmiVersion::Fmi2,
@@ -35,20 +35,20 @@ const INITIALIZE: Call = Call { name: "initialize", ..calls::fmi2SetupExperiment
 #[doc(hidden)]
 pub trait Drive: Model {
     /// Creates an instance.
-    const INSTANCE: fn(Self) -> Instance;
+    const INSTANCE: fn(Self) -> DrivenInstance;
 }
 
 /// An instance of a model.
 #[doc(hidden)]
-pub struct Instance(Box<Component>);
+pub struct DrivenInstance(Box<Instance>);
 
 /// Creates an instance of the model `M` with `N` scalar variables.
 #[doc(hidden)]
-pub fn instance<M: Model, const N: usize>(model: M) -> Instance {
+pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
     let resources = Err("the test has set no folder of resources".to_owned());
     let settings = Settings::new(&EDGE, Log::new(None, false), resources);
     let identity = (&[0; GUID_LENGTH], None);
-    Instance(instance::new(settings, identity, Bound::<M, N>::of(model)))
+    DrivenInstance(fast::new(settings, identity, LaidOut::<M, N>::of(model)))
 }
 
 /// An instance of a model in co-simulation, for tests: it takes samples at their instants, integrates equations,
@@ -91,7 +91,7 @@ pub fn instance<M: Model, const N: usize>(model: M) -> Instance {
 /// # Ok::<(), ModelError>(())
 /// ```
 pub struct Driver<M> {
-    component: Box<Component>,
+    instance: Box<Instance>,
     log: Rc<RefCell<Vec<Message>>>,
     /// The next communication point is `origin` and `count` times `size` (s).
     origin: f64,
@@ -124,7 +124,7 @@ impl<M: Drive> Driver<M> {
     /// An instance with the parameters and inputs of a model; all other fields get their values in the
     /// initialization.
     pub fn of(model: M) -> Self {
-        let Instance(mut component) = M::INSTANCE(model);
+        let DrivenInstance(mut instance) = M::INSTANCE(model);
         let log = Rc::<RefCell<Vec<Message>>>::default();
         let messages = Rc::clone(&log);
         let sink = move |category: Category, text: &str| {
@@ -134,22 +134,15 @@ impl<M: Drive> Driver<M> {
                 messages.borrow_mut().push(message);
             }
         };
-        component.shared.settings.log = Log::new(Some(Box::new(sink)), true);
-        component.model.connect(&component.shared.settings.log);
-        Self {
-            component,
-            log,
-            origin: 0.0,
-            count: 0.0,
-            size: 0.0,
-            _model: std::marker::PhantomData,
-        }
+        instance.shared.settings.log = Log::new(Some(Box::new(sink)), true);
+        instance.model.connect(&instance.shared.settings.log);
+        Self { instance, log, origin: 0.0, count: 0.0, size: 0.0, _model: std::marker::PhantomData }
     }
 
     /// The same with the folder in which the model finds its resources.
     #[must_use]
     pub fn with_resources(mut self, folder: impl Into<PathBuf>) -> Self {
-        self.component.shared.settings.resources = Ok(folder.into());
+        self.instance.shared.settings.resources = Ok(folder.into());
         self
     }
 
@@ -158,16 +151,16 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The model cannot be initialized with its values, or is so already.
     pub fn initialize(&mut self, time: f64) -> Result<(), ModelError> {
-        let outcome = self.component.call(&INITIALIZE, |c| {
+        let status = self.instance.call(&INITIALIZE, |c| {
             c.set_experiment(time, None, None)?;
             c.enter(State::Initialization);
             c.exit_initialization_mode()
         });
-        let lifecycle = &mut self.component.shared.lifecycle;
+        let lifecycle = &mut self.instance.shared.lifecycle;
         if lifecycle.state == State::Initialization {
             lifecycle.state = State::Instantiated;
         }
-        self.result(outcome)?;
+        self.result(status)?;
         self.origin = time;
         Ok(())
     }
@@ -177,14 +170,14 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The step is invalid, the model refuses or discards it, or it panicked.
     pub fn step(&mut self, size: f64) -> Result<(), ModelError> {
-        if self.component.shared.lifecycle.state == State::Instantiated {
+        if self.instance.shared.lifecycle.state == State::Instantiated {
             self.initialize(0.0)?;
         }
-        let (time, step) = (self.time(), self.component.shared.hot.step);
-        let instance: Pointer = (&raw mut *self.component).cast();
+        let (time, step) = (self.time(), self.instance.shared.vtable.step);
+        let instance: Pointer = (&raw mut *self.instance).cast();
         // SAFETY: the function belongs to the instance, which is borrowed for the call.
-        let outcome = unsafe { step(instance, time, size, None) };
-        self.result(outcome)?;
+        let status = unsafe { step(instance, time, size, None) };
+        self.result(status)?;
         // Multiplied, not added up, as by most hosts.
         if size != self.size {
             (self.origin, self.count, self.size) = (time, 0.0, size);
@@ -199,7 +192,7 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The time or the size is not finite, or the size not positive, and as [`step`](Self::step).
     pub fn run(&mut self, stop: f64, size: f64) -> Result<Vec<Vec<f64>>, ModelError> {
-        if self.component.shared.lifecycle.state == State::Instantiated {
+        if self.instance.shared.lifecycle.state == State::Instantiated {
             self.initialize(0.0)?;
         }
         let steps = libm::round((stop - self.time()) / size);
@@ -220,7 +213,7 @@ impl<M: Drive> Driver<M> {
         self.origin + self.count * self.size
     }
 
-    /// Sets a variable by its name in the FMU, as a host does. Numbers of any type stand for others.
+    /// Sets a variable by its name in the FMU, as a host does. SolverVector of any type stand for others.
     ///
     /// # Errors
     /// There is no such variable, it cannot be set now, or not to this value.
@@ -229,15 +222,15 @@ impl<M: Drive> Driver<M> {
         let of_type = scalar.variable.start.of_type().accessed_as(EDGE.version);
         let value = value.into();
         let given = |_| match (value.as_real(), value.as_whole()) {
-            (Some(value), _) => Given::Real(value),
-            (None, Some(value)) if of_type.is_float() => Given::Real(value as f64),
-            (None, Some(value)) => Given::Whole(value),
-            (None, None) if value.of_type() == of_type => Given::Other(Ok(value.clone())),
-            (None, None) => Given::Other(Err(value.to_string())),
+            (Some(value), _) => HostValue::Real(value),
+            (None, Some(value)) if of_type.is_float() => HostValue::Real(value as f64),
+            (None, Some(value)) => HostValue::Whole(value),
+            (None, None) if value.of_type() == of_type => HostValue::Other(Ok(value.clone())),
+            (None, None) => HostValue::Other(Err(value.to_string())),
         };
-        let set = |c: &mut Component| c.set(of_type, &[reference], 1, &given);
-        let outcome = self.component.call(&EDGE.set_float64, set);
-        self.result(outcome)
+        let set = |c: &mut Instance| c.set(of_type, &[reference], 1, &given);
+        let status = self.instance.call(&EDGE.set_float64, set);
+        self.result(status)
     }
 
     /// The value of a variable with a name in the FMU; of an enumeration, the number of the item.
@@ -248,10 +241,9 @@ impl<M: Drive> Driver<M> {
         let (reference, scalar) = self.find(name)?;
         let of_type = scalar.variable.start.of_type().accessed_as(EDGE.version);
         let mut found = Value::Boolean(false);
-        let get =
-            |c: &mut Component| c.get(of_type, &[reference], 1, &mut |_, value| found = value);
-        let outcome = self.component.call(&EDGE.get_float64, get);
-        self.result(outcome)?;
+        let get = |c: &mut Instance| c.get(of_type, &[reference], 1, &mut |_, value| found = value);
+        let status = self.instance.call(&EDGE.get_float64, get);
+        self.result(status)?;
         Ok(found)
     }
 
@@ -259,8 +251,8 @@ impl<M: Drive> Driver<M> {
     /// the number of an item.
     pub fn outputs(&mut self) -> Vec<f64> {
         let mut outputs = Vec::new();
-        for reference in 0..self.component.model.facts().count as u32 {
-            let model = &mut self.component.model;
+        for reference in 0..self.instance.model.info().count as u32 {
+            let model = &mut self.instance.model;
             let scalar = model.find(reference).filter(|scalar| {
                 let causality = scalar.variable.causality;
                 causality == Causality::Output && model.is_element(scalar, reference)
@@ -280,9 +272,9 @@ impl<M: Drive> Driver<M> {
     }
 
     fn find(&self, name: &str) -> Result<(u32, ScalarVariable), ModelError> {
-        let count = self.component.model.facts().count as u32;
+        let count = self.instance.model.info().count as u32;
         let all = (0..count)
-            .filter_map(|reference| Some((reference, self.component.model.find(reference)?)));
+            .filter_map(|reference| Some((reference, self.instance.model.find(reference)?)));
         let found = all.clone().find(|(_, scalar)| scalar.name() == name);
         found.ok_or_else(|| {
             let names: Vec<String> = all.map(|(_, scalar)| scalar.name()).collect();
@@ -293,19 +285,18 @@ impl<M: Drive> Driver<M> {
         })
     }
 
-    /// The outcome of a call, with the message that the host would have got.
-    fn result(&mut self, outcome: Outcome) -> Result<(), ModelError> {
-        let is_broken =
-            matches!(self.component.shared.lifecycle.state, State::Error | State::Fatal);
-        let kind = match outcome {
-            Outcome::Ok => return Ok(()),
-            Outcome::Discard => Kind::Discarded,
-            Outcome::Error if !is_broken => Kind::Refused,
-            _ => Kind::Broken,
+    /// The status of a call, with the message that the host would have got.
+    fn result(&mut self, status: Status) -> Result<(), ModelError> {
+        let is_broken = matches!(self.instance.shared.lifecycle.state, State::Error | State::Fatal);
+        let severity = match status {
+            Status::Ok => return Ok(()),
+            Status::Discard => Severity::Discarded,
+            Status::Error if !is_broken => Severity::Refused,
+            _ => Severity::Broken,
         };
         let message = self.log.borrow_mut().pop();
         let text = message.map(|message| message.text).unwrap_or_default();
-        Err(ModelError::new(text).with_kind(kind))
+        Err(ModelError::new(text).with_severity(severity))
     }
 }
 
@@ -313,14 +304,14 @@ impl<M: Drive> Deref for Driver<M> {
     type Target = M;
 
     fn deref(&self) -> &M {
-        let model: &dyn Any = self.component.model.behavior();
+        let model: &dyn Any = self.instance.model.behavior();
         model.downcast_ref().unwrap_or_else(|| unreachable!("the model of the driver"))
     }
 }
 
 impl<M: Drive> DerefMut for Driver<M> {
     fn deref_mut(&mut self) -> &mut M {
-        let model: &mut dyn Any = self.component.model.behavior_mut();
+        let model: &mut dyn Any = self.instance.model.behavior_mut();
         model.downcast_mut().unwrap_or_else(|| unreachable!("the model of the driver"))
     }
 }

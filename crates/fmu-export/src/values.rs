@@ -9,19 +9,19 @@ use fmu_description::ScalarVariable;
 use fmu_description::table::{Bounds, Declaration};
 use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
 
-use crate::component::Component;
-use crate::lifecycle::{Lifecycle, Mode};
+use crate::instance::Instance;
+use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::model::{ModelError, ensure, refused};
 
 /// A value from the host, which a number of another type may stand for.
-pub(crate) enum Given {
+pub(crate) enum HostValue {
     Real(f64),
     Whole(i128),
     /// Anything else, or how to show what is no value.
     Other(Result<Value, String>),
 }
 
-impl Given {
+impl HostValue {
     /// The value, if a variable may have it; otherwise, how to show what was given.
     fn within(self, field: &Declaration) -> Result<Value, String> {
         let of_type = field.start.of_type();
@@ -59,7 +59,7 @@ fn expected(field: &Declaration) -> String {
     }
 }
 
-impl Component {
+impl Instance {
     /// Gets variables by the functions of a type, which have `n` elements together. All are checked before
     /// `put` receives the first element with its value, which is of this type.
     pub(crate) fn get(
@@ -121,12 +121,12 @@ impl Component {
     /// 2.0 has none.
     pub(crate) fn is_time(&self, reference: u32) -> bool {
         self.shared.settings.edge.version == FmiVersion::Fmi3
-            && reference as usize == self.model.facts().count
+            && reference as usize == self.model.info().count
     }
 
     /// The scalar or element with a value reference, if the functions of a type access it.
     fn find(&mut self, of_type: Type, reference: u32) -> Result<ScalarVariable, ModelError> {
-        let (version, count) = (self.shared.settings.edge.version, self.model.facts().count);
+        let (version, count) = (self.shared.settings.edge.version, self.model.info().count);
         let scalar = self.model.find(reference).ok_or_else(|| unknown(count, reference))?;
         ensure!(
             version == FmiVersion::Fmi3 || self.model.is_element(&scalar, reference),
@@ -187,7 +187,7 @@ impl Component {
         of_type: Type,
         references: &[u32],
         n: usize,
-        given: &dyn Fn(usize) -> Given,
+        given: &dyn Fn(usize) -> HostValue,
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
         ensure!(
@@ -220,8 +220,8 @@ impl Component {
     }
 
     /// Checks that a value may be set.
-    fn check(&mut self, of_type: Type, element: u32, value: Given) -> Result<(), ModelError> {
-        let Lifecycle { state, mode, .. } = self.shared.lifecycle;
+    fn check(&mut self, of_type: Type, element: u32, value: HostValue) -> Result<(), ModelError> {
+        let Lifecycle { state, instance_type, .. } = self.shared.lifecycle;
         let scalar = self.find(of_type, element)?;
         let value = value.within(scalar.variable);
         // Some hosts set values again that stay the same: OpenModelica all parameters after the initialization, FMPy
@@ -236,7 +236,7 @@ impl Component {
             };
             is_set_again && value.as_ref().is_ok_and(|value| *value == c.model.get(&scalar))
         };
-        if let Some(why) = not_settable(scalar.variable, state, mode)
+        if let Some(why) = not_settable(scalar.variable, state, instance_type)
             && !is_same(self)
         {
             return refused!("{} is {why}", scalar.name());
@@ -250,7 +250,7 @@ impl Component {
 /// Defines methods that get and set numbers of a type.
 macro_rules! numbers {
     ($($get:ident $set:ident: $type:ty as $name:ident, $given:ident;)*) => {
-        impl Component {
+        impl Instance {
             $(
                 pub(crate) fn $get(
                     &mut self,
@@ -269,7 +269,7 @@ macro_rules! numbers {
                     references: &[u32],
                     values: &[$type],
                 ) -> Result<(), ModelError> {
-                    let given = |i: usize| Given::$given(values[i].into());
+                    let given = |i: usize| HostValue::$given(values[i].into());
                     self.set(Type::$name, references, values.len(), &given)
                 }
             )*
@@ -301,12 +301,17 @@ pub(crate) fn has_own_start(variable: &Declaration) -> bool {
 }
 
 /// Why the host may not set the variable now; `None` if it may.
-fn not_settable(variable: &Declaration, state: State, mode: Mode) -> Option<&'static str> {
+fn not_settable(
+    variable: &Declaration,
+    state: State,
+    instance_type: InstanceType,
+) -> Option<&'static str> {
     use State::{ContinuousTime, Event, IntermediateUpdate};
     let is_reconfiguration =
         matches!(state, State::StepReconfiguration | State::EventReconfiguration);
     let is_configuration = is_reconfiguration || state == State::Configuration;
-    let is_exchange = mode == Mode::ModelExchange && matches!(state, Event | ContinuousTime);
+    let is_exchange =
+        instance_type == InstanceType::ModelExchange && matches!(state, Event | ContinuousTime);
     match (variable.causality, variable.variability) {
         (_, Variability::Constant) => Some("a constant"),
         // The standard has a function for all states; some hosts, such as CasADi, set them one by one.

@@ -16,10 +16,10 @@ use fmi_abi::state::State;
 use fmi_abi::{FmiVersion, c_type, fmi2_functions};
 
 use super::{c_message, text};
-use crate::component::{Component, Edge, Outcome, Settings};
 use crate::entry::Entry;
-use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
-use crate::lifecycle::Mode;
+use crate::fast::{NULL_ARRAY, free, instance_at, shared, slice, slice_mut};
+use crate::instance::{Edge, Instance, Settings, Status};
+use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
 use crate::model::ModelError;
 use crate::resources;
@@ -70,9 +70,9 @@ pub unsafe fn instantiate(
         let texts = [name, guid, resources].map(|pointer| text(pointer));
         (functions.as_ref(), texts)
     };
-    let mode = match kind {
-        fmi2ModelExchange => Ok(Mode::ModelExchange),
-        fmi2CoSimulation => Ok(Mode::CoSimulation),
+    let instance_type = match kind {
+        fmi2ModelExchange => Ok(InstanceType::ModelExchange),
+        fmi2CoSimulation => Ok(InstanceType::CoSimulation),
         other => Err(format!(
             "the type is {other}; expected fmi2ModelExchange (0) or fmi2CoSimulation (1)"
         )),
@@ -83,7 +83,7 @@ pub unsafe fn instantiate(
     };
     let log = Log::new(sink(functions, name), logging_on != fmi2False);
     let settings = Settings::new(&EDGE, log, resources);
-    super::instantiate("fmi2Instantiate", models, (name, guid), mode, settings)
+    super::instantiate("fmi2Instantiate", models, (name, guid), instance_type, settings)
 }
 
 /// Forwards messages to the host's logger, if the host provides one.
@@ -111,7 +111,7 @@ pub unsafe extern "C" fn fmi2FreeInstance(instance: fmi2Component) {
     unsafe { free(instance) }
 }
 
-hot! { fmi2Component fmi2Status
+vtable! { fmi2Component fmi2Status
     fmi2GetReal(references: *const u32, n: usize, values: *mut f64) = get_elements;
     fmi2SetReal(references: *const u32, n: usize, values: *const f64) = set_elements;
     fmi2DoStep(time: f64, step: f64) = step
@@ -119,7 +119,7 @@ hot! { fmi2Component fmi2Status
 }
 
 /// The operations whose arguments differ between the versions.
-trait Operations: BorrowMut<Component> {
+trait Operations: BorrowMut<Instance> {
     fn enter_initialization_mode(&mut self) -> Result<(), ModelError> {
         self.borrow_mut().enter(State::Initialization);
         Ok(())
@@ -139,10 +139,10 @@ trait Operations: BorrowMut<Component> {
     }
 }
 
-impl Operations for Component {}
+impl Operations for Instance {}
 
 /// The operations that only this version has.
-impl Component {
+impl Instance {
     fn setup_experiment(
         &mut self,
         tolerance_defined: bool,

@@ -22,16 +22,16 @@ use fmi_abi::{FmiVersion, c_type, fmi3_functions};
 use fmu_description::{Type, Value};
 
 use super::{c_message, instantiate, text};
-use crate::bound::Numbers;
-use crate::component::{Component, Edge, IntermediateUpdate, Outcome, Settings};
 use crate::entry::Entry;
-use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
-use crate::lifecycle::Mode;
+use crate::fast::{NULL_ARRAY, free, instance_at, shared, slice, slice_mut};
+use crate::instance::{Edge, Instance, IntermediateUpdate, Settings, Status};
+use crate::laid_out::SolverVector;
+use crate::lifecycle::InstanceType;
 use crate::log::{Category, Log, Sink};
 use crate::model::ModelError;
 use crate::resources::Folder;
-use crate::stepping::{Next, Results, Stepping};
-use crate::values::Given;
+use crate::step::{Next, Results, Stepping};
+use crate::values::HostValue;
 
 pub(super) static EDGE: Edge = Edge {
     version: FmiVersion::Fmi3,
@@ -82,8 +82,9 @@ pub unsafe fn instantiate_model_exchange(
     // SAFETY: the caller's promise.
     let [name, token, path] = unsafe { [text(name), text(token), text(resources)] };
     let settings = Settings::new(&EDGE, log, folder(path));
-    let (function, mode) = ("fmi3InstantiateModelExchange", Ok(Mode::ModelExchange));
-    instantiate(function, models, (name, token), mode, settings)
+    let (function, instance_type) =
+        ("fmi3InstantiateModelExchange", Ok(InstanceType::ModelExchange));
+    instantiate(function, models, (name, token), instance_type, settings)
 }
 
 /// `fmi3InstantiateCoSimulation`. On failure, logs the reason and returns NULL.
@@ -111,10 +112,10 @@ pub unsafe fn instantiate_co_simulation(
         let texts = [text(name), text(token), text(resources)];
         (texts, slice(intermediate_variables, n))
     };
-    let mode = match (variables, event_mode_used) {
+    let instance_type = match (variables, event_mode_used) {
         (None, _) => Err("requiredIntermediateVariables is NULL though its length is not 0".into()),
-        (_, fmi3False) => Ok(Mode::CoSimulation),
-        _ => Ok(Mode::CoSimulationWithEvents),
+        (_, fmi3False) => Ok(InstanceType::CoSimulation),
+        _ => Ok(InstanceType::CoSimulationWithEvents),
     };
     let settings = Settings {
         early_return_allowed: early_return_allowed != fmi3False,
@@ -126,7 +127,7 @@ pub unsafe fn instantiate_co_simulation(
         ..Settings::new(&EDGE, log, folder(path))
     };
     let function = "fmi3InstantiateCoSimulation";
-    instantiate(function, models, (name, token), mode, settings)
+    instantiate(function, models, (name, token), instance_type, settings)
 }
 
 /// `fmi3InstantiateScheduledExecution`, which logs that it is not supported and returns NULL.
@@ -184,7 +185,7 @@ pub unsafe extern "C" fn fmi3FreeInstance(instance: fmi3Instance) {
     unsafe { free(instance) }
 }
 
-hot! { fmi3Instance fmi3Status
+vtable! { fmi3Instance fmi3Status
     fmi3GetFloat64(references: *const u32, n: usize, values: *mut f64, n_values: usize) = get_variables;
     fmi3SetFloat64(references: *const u32, n: usize, values: *const f64, n_values: usize) = set_variables;
 }
@@ -202,7 +203,7 @@ pub unsafe extern "C" fn fmi3DoStep(
     last_successful_time: *mut f64,
 ) -> fmi3Status {
     // SAFETY: the host's promises, as for all entry points; some hosts pass NULL for results.
-    let outcome = unsafe {
+    let status = unsafe {
         put(event_handling_needed, fmi3False);
         put(terminate, fmi3False);
         put(early_return, fmi3False);
@@ -212,11 +213,13 @@ pub unsafe extern "C" fn fmi3DoStep(
                     (event_handling_needed, early_return, last_successful_time);
                 step_in_parts(instance, time, step, event, early, last)
             }
-            Some(shared) => (shared.hot.step)(instance, time, step, last_successful_time.as_mut()),
-            None => Outcome::Error,
+            Some(shared) => {
+                (shared.vtable.step)(instance, time, step, last_successful_time.as_mut())
+            }
+            None => Status::Error,
         }
     };
-    fmi3Status(outcome as c_int)
+    fmi3Status(status as c_int)
 }
 
 /// # Safety
@@ -243,23 +246,23 @@ unsafe extern "C" fn step_in_parts(
     event_handling_needed: *mut fmi3Boolean,
     early_return: *mut fmi3Boolean,
     last_successful_time: *mut f64,
-) -> Outcome {
+) -> Status {
     // SAFETY: the caller's promise.
     unsafe {
-        let (outcome, results) = in_parts(instance, time, step);
+        let (status, results) = in_parts(instance, time, step);
         put(event_handling_needed, results.event_handling_needed.into());
         put(early_return, results.early_return.into());
         put(last_successful_time, results.last_successful_time);
-        outcome
+        status
     }
 }
 
 /// # Safety
 /// As [`step_in_parts`].
-unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Outcome, Results) {
+unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Status, Results) {
     // SAFETY: the caller's promise; each reference ends before the callback.
-    let borrow = || unsafe { component(instance) };
-    let failed = (Outcome::Error, Results::plain(time));
+    let borrow = || unsafe { instance_at(instance) };
+    let failed = (Status::Error, Results::plain(time));
     let Some(c) = borrow() else {
         return failed;
     };
@@ -271,7 +274,7 @@ unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Outcome, Re
     let mut next = stepping.advance(c);
     loop {
         match next {
-            Next::Return(outcome, results) => return (outcome, results),
+            Next::Return(status, results) => return (status, results),
             Next::Update(update) => {
                 let requested = call_back.as_ref().and_then(|call_back| call_back(update));
                 let Some(c) = borrow() else {
@@ -311,7 +314,7 @@ unsafe fn call_back(
 }
 
 /// The operations whose arguments differ between the versions.
-trait Operations: BorrowMut<Component> {
+trait Operations: BorrowMut<Instance> {
     fn enter_initialization_mode(
         &mut self,
         tolerance_defined: bool,
@@ -345,17 +348,17 @@ trait Operations: BorrowMut<Component> {
     }
 }
 
-impl Operations for Component {}
+impl Operations for Instance {}
 
 /// The operations that only this version has.
-impl Component {
+impl Instance {
     fn get_number_of_event_indicators(&mut self, n: &mut usize) -> Result<(), ModelError> {
-        *n = self.model.length(Numbers::EventIndicators);
+        *n = self.model.length(SolverVector::EventIndicators);
         Ok(())
     }
 
     fn get_number_of_continuous_states(&mut self, n: &mut usize) -> Result<(), ModelError> {
-        *n = self.model.length(Numbers::States);
+        *n = self.model.length(SolverVector::States);
         Ok(())
     }
 
@@ -391,7 +394,7 @@ impl Component {
         let binaries: Vec<Option<&[u8]>> = binaries.collect();
         let given = |i: usize| {
             let bytes = binaries[i].ok_or_else(|| "NULL".to_owned());
-            Given::Other(bytes.map(|bytes| Value::Binary(bytes.to_owned())))
+            HostValue::Other(bytes.map(|bytes| Value::Binary(bytes.to_owned())))
         };
         self.set(Type::Binary, references, binaries.len(), &given)
     }

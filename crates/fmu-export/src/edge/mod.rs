@@ -1,9 +1,9 @@
 //! The edges: the interfaces through which a host calls the instances of this crate. They turn the arguments of
-//! a host into slices and values, and call the [`Component`]; nothing behind the component knows of them.
+//! a host into slices and values, and call the [`Instance`]; nothing behind the instance knows of them.
 //!
 //! [`fmi2`] and [`fmi3`] are the C interfaces. Their entry points are made from the rows of `fmi-abi`: a row
-//! becomes a function that converts its arguments, checks the state, and calls the method of the component that
-//! has the name of the row's operation. Most of these methods belong to the component itself; the edges add
+//! becomes a function that converts its arguments, checks the state, and calls the method of the instance that
+//! has the name of the row's operation. Most of these methods belong to the instance itself; the edges add
 //! those whose arguments are of C, in this file and in [`state`] if both versions have them.
 //!
 //! [`wasm`] is the interface of WebAssembly components. It is there if the target is, in place of the names in C.
@@ -13,12 +13,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use fmu_description::{Type, Value};
 
-use crate::component::{Component, Pointer, Settings};
 use crate::entry::Entry;
-use crate::lifecycle::Mode;
+use crate::instance::{Instance, Pointer, Settings};
+use crate::lifecycle::InstanceType;
 use crate::log::{self, Category};
 use crate::model::ModelError;
-use crate::values::Given;
+use crate::values::HostValue;
 
 /// Defines the entry points of a version from the rows of its functions that have an instance.
 macro_rules! entries {
@@ -45,9 +45,9 @@ macro_rules! entry {
         #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
         pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
             // SAFETY: the host's promise: NULL or an instance.
-            let component = unsafe { component(instance) };
+            let instance = unsafe { instance_at(instance) };
             let call = &calls::$name;
-            $s(component.map_or(Outcome::Error, |c| c.refuse(call, unsupported(call.name))) as c_int)
+            $s(instance.map_or(Status::Error, |c| c.refuse(call, unsupported(call.name))) as c_int)
         }
     };
     ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
@@ -58,24 +58,24 @@ macro_rules! entry {
             let call = &calls::$name;
             // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
             // NULL or valid, those to arrays for the lengths passed with them; zero-terminated texts.
-            let outcome = unsafe {
-                let Some(component) = component(instance) else {
-                    return $s(Outcome::Error as c_int);
+            let status = unsafe {
+                let Some(instance) = instance_at(instance) else {
+                    return $s(Status::Error as c_int);
                 };
                 $(let $arg = match convert!($arg $kind) {
                     Ok(arg) => arg,
-                    Err(why) => return $s(component.refuse(call, why) as c_int),
+                    Err(why) => return $s(instance.refuse(call, why) as c_int),
                 };)*
-                component.call(call, |c| apply!(c.$operation [] $($arg: $kind,)*))
+                instance.call(call, |c| apply!(c.$operation [] $($arg: $kind,)*))
             };
-            $s(outcome as c_int)
+            $s(status as c_int)
         }
     };
 }
 
 /// Defines the entry points that hosts call at every step, each by a function of
-/// [`Hot`](crate::component::Hot) with the same arguments, or one more.
-macro_rules! hot {
+/// [`Vtable`](crate::instance::Vtable) with the same arguments, or one more.
+macro_rules! vtable {
     ($instance:ident $status:ident $(
         $name:ident($($arg:ident: $type:ty),*) = $fast:ident
             $(with $last:expr)? $(, but not of $ignored:ident: $other:ty)?;
@@ -86,13 +86,13 @@ macro_rules! hot {
             instance: $instance $(, $arg: $type)* $(, $ignored: $other)?
         ) -> $status {
             // SAFETY: the host's promises, as for all entry points.
-            let outcome = unsafe {
+            let status = unsafe {
                 match shared(instance) {
-                    Some(shared) => (shared.hot.$fast)(instance $(, $arg)* $(, $last)?),
-                    None => Outcome::Error,
+                    Some(shared) => (shared.vtable.$fast)(instance $(, $arg)* $(, $last)?),
+                    None => Status::Error,
                 }
             };
-            $status(outcome as c_int)
+            $status(status as c_int)
         }
     )* };
 }
@@ -185,23 +185,24 @@ fn c_message(text: &str) -> CString {
     CString::new(bytes).unwrap_or_default()
 }
 
-/// Creates an instance of the model that a host chooses by name and GUID, for the mode. On failure, logs the
+/// Creates an instance of the model that a host chooses by name and GUID, of a type. On failure, logs the
 /// reason and returns NULL.
 fn instantiate(
     function: &str,
     models: &'static [Entry],
     (name, guid): (Option<&CStr>, Option<&CStr>),
-    mode: Result<Mode, String>,
+    instance_type: Result<InstanceType, String>,
     settings: Settings,
 ) -> Pointer {
     log::silence_panics();
     let log = settings.log.clone();
     let made = catch_unwind(AssertUnwindSafe(|| {
         let version = settings.edge.version;
-        let chosen =
-            mode.and_then(|mode| Ok((mode, Entry::choose(models, name, mode, guid, version)?)));
+        let chosen = instance_type.and_then(|instance_type| {
+            Ok((instance_type, Entry::choose(models, name, instance_type, guid, version)?))
+        });
         match chosen {
-            Ok((mode, entry)) => entry.create(Settings { mode, ..settings }),
+            Ok((instance_type, entry)) => entry.create(Settings { instance_type, ..settings }),
             Err(reason) => {
                 let message = format_args!("{function}: {reason}");
                 settings.log.send(Category::Error, message);
@@ -216,7 +217,7 @@ fn instantiate(
 }
 
 /// The methods whose arguments are of C, for both versions.
-impl Component {
+impl Instance {
     unsafe fn set_debug_logging(
         &mut self,
         on: bool,
@@ -245,7 +246,7 @@ impl Component {
         values: &[B],
     ) -> Result<(), ModelError> {
         let given = |i: usize| {
-            Given::Other(match values[i].into() {
+            HostValue::Other(match values[i].into() {
                 value @ (0 | 1) => Ok(Value::Boolean(value == 1)),
                 other => Err(other.to_string()),
             })
@@ -280,7 +281,7 @@ impl Component {
         // SAFETY: the host's promise: NULL or zero-terminated texts.
         let values = unsafe { texts(values) };
         let given = |i: usize| {
-            Given::Other(match values[i].map(|text| (text, text.to_str())) {
+            HostValue::Other(match values[i].map(|text| (text, text.to_str())) {
                 Some((_, Ok(text))) => Ok(Value::String(text.to_owned())),
                 Some((text, Err(_))) => Err(format!("\"{}\"", text.to_bytes().escape_ascii())),
                 None => Err("NULL".into()),

@@ -2,7 +2,7 @@
 
 use std::ffi::c_void;
 
-use crate::component::{Component, MAGIC, Snapshot};
+use crate::instance::{Instance, MAGIC, Snapshot};
 use crate::model::ModelError;
 
 /// A saved state in memory.
@@ -61,7 +61,7 @@ unsafe fn store(snapshot: Snapshot, state: &mut *mut c_void) -> Result<(), Model
 }
 
 /// Each is safe if the host has made the promises of [`saved`] for the pointer to a state.
-impl Component {
+impl Instance {
     pub(super) unsafe fn get_fmu_state(
         &mut self,
         state: Option<&mut *mut c_void>,

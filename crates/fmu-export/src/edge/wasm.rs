@@ -29,14 +29,14 @@ use fmu_description::{Type, Value};
 use super::c_text;
 use super::fmi3::*;
 use super::scratch::{self, allocate, put};
-use crate::bound::Numbers;
-use crate::component::{Component, IntermediateUpdate, Pointer, Settings};
 use crate::entry::Entry;
-use crate::instance::{component, shared};
-use crate::lifecycle::Mode;
+use crate::fast::{instance_at, shared};
+use crate::instance::{Instance, IntermediateUpdate, Pointer, Settings};
+use crate::laid_out::SolverVector;
+use crate::lifecycle::InstanceType;
 use crate::log::{Category, Log, Sink};
 use crate::model::{Model, ModelError, refused};
-use crate::values::Given;
+use crate::values::HostValue;
 
 #[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
 unsafe extern "C" {
@@ -141,7 +141,7 @@ fn list<T>(values: &[T]) -> List<T> {
 /// The host's promise: the list is valid during the call.
 unsafe fn slice<'a, T>(first: *const T, length: usize) -> &'a [T] {
     // SAFETY: the caller's promise; a list without elements may have any pointer.
-    unsafe { crate::instance::slice(first, length).unwrap_or_default() }
+    unsafe { crate::fast::slice(first, length).unwrap_or_default() }
 }
 
 /// A text of the host, as it is passed to C.
@@ -225,7 +225,7 @@ unsafe fn get<T>(instance: Pointer, references: *const u32, n: usize, by: Get<T>
 /// As [`slice`].
 unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
     // SAFETY: the caller's promise.
-    unsafe { shared(instance).map_or(0, |shared| (shared.hot.count)(instance, references, n)) }
+    unsafe { shared(instance).map_or(0, |shared| (shared.vtable.count)(instance, references, n)) }
 }
 
 /// Defines the functions whose arguments are those of C, from the rows of `fmi-abi`.
@@ -277,7 +277,7 @@ macro_rules! method {
         unsafe extern "C" fn $operation(instance: Pointer) -> Values<f64> {
             // SAFETY: the host's promises.
             unsafe {
-                let n = component(instance).map_or(0, |c| c.model.length(Numbers::$which));
+                let n = instance_at(instance).map_or(0, |c| c.model.length(SolverVector::$which));
                 values(instance, n, |first, n| $name(instance, first, n))
             }
         }
@@ -323,7 +323,7 @@ macro_rules! unsupported {
 fn refuse(instance: Pointer, operation: &Call) {
     call(instance, || {
         // SAFETY: the host's promise: an instance that is not used otherwise.
-        let c = unsafe { component(instance) };
+        let c = unsafe { instance_at(instance) };
         c.map(|c| c.refuse(operation, unsupported(operation.name)));
     });
 }
@@ -381,9 +381,9 @@ unsafe extern "C" fn instantiate_co_simulation(
         let variables = slice(intermediate_variables, n).to_vec();
         (text(name, name_length), text(token, token_length), variables)
     };
-    let mode = match event_mode_used {
-        true => Mode::CoSimulationWithEvents,
-        false => Mode::CoSimulation,
+    let instance_type = match event_mode_used {
+        true => InstanceType::CoSimulationWithEvents,
+        false => InstanceType::CoSimulation,
     };
     let call_back = fmu_export_models().iter().find_map(|model| model.needs.intermediate_update);
     let settings = Settings {
@@ -395,7 +395,7 @@ unsafe extern "C" fn instantiate_co_simulation(
         intermediate_variables,
         ..settings(&name, logging_on)
     };
-    instantiate("fmi3InstantiateCoSimulation", (&name, &token), mode, settings, |i| {
+    instantiate("fmi3InstantiateCoSimulation", (&name, &token), instance_type, settings, |i| {
         new_co_simulation(i)
     })
 }
@@ -418,7 +418,7 @@ unsafe extern "C" fn instantiate_model_exchange(
     instantiate(
         "fmi3InstantiateModelExchange",
         (&name, &token),
-        Mode::ModelExchange,
+        InstanceType::ModelExchange,
         settings,
         |i| new.map_or(0, |new| new(i)),
     )
@@ -473,14 +473,19 @@ fn sink(name: &CStr) -> Sink {
 fn instantiate(
     function: &str,
     (name, token): (&CStr, &CStr),
-    mode: Mode,
+    instance_type: InstanceType,
     settings: Settings,
     new: impl FnOnce(Pointer) -> u32,
 ) -> *const Handle {
     call(null_mut(), || {
         let models = fmu_export_models();
-        let made =
-            super::instantiate(function, models, (Some(name), Some(token)), Ok(mode), settings);
+        let made = super::instantiate(
+            function,
+            models,
+            (Some(name), Some(token)),
+            Ok(instance_type),
+            settings,
+        );
         put(match made.is_null() {
             true => Handle::None,
             false => Handle::Some(new(made)),
@@ -530,7 +535,7 @@ pub(crate) fn read_resource(path: &Path) -> Result<String, String> {
 /// Tells the host of a panic, after which the component ends.
 pub(crate) fn report_panic(panic: &PanicHookInfo<'_>) {
     // SAFETY: the call that panicked does not continue, so the instance is not used otherwise.
-    if let Some(c) = unsafe { component(CURRENT.get()) } {
+    if let Some(c) = unsafe { instance_at(CURRENT.get()) } {
         let place = panic.location().map_or_else(String::new, |place| format!("{place}: "));
         let text = crate::log::text_of_panic(panic.payload());
         let message = format_args!("{place}the model panicked, and the component ends: {text}");
@@ -562,17 +567,17 @@ unsafe fn texts(first: *const Text, n: usize) -> Vec<CString> {
     unsafe { slice(first, n).iter().map(|list| text(list.first, list.length)).collect() }
 }
 
-/// Does what has other arguments in C, by a method of the component.
+/// Does what has other arguments in C, by a method of the instance.
 ///
 /// # Safety
 /// The host's promise: an instance that is not used otherwise.
 unsafe fn perform(
     instance: Pointer,
     operation: &Call,
-    work: impl FnOnce(&mut Component) -> Result<(), ModelError>,
+    work: impl FnOnce(&mut Instance) -> Result<(), ModelError>,
 ) -> fmi3Status {
     // SAFETY: the caller's promise.
-    let c = unsafe { component(instance) };
+    let c = unsafe { instance_at(instance) };
     c.map_or(fmi3Error, |c| fmi3Status(c.call(operation, work) as i32))
 }
 
@@ -615,7 +620,7 @@ macro_rules! lists {
             call(instance, || unsafe {
                 let given = |i: usize| {
                     let List { first, length } = slice(values, n_values)[i];
-                    Given::Other(Ok(Value::$name($from(slice(first, length)))))
+                    HostValue::Other(Ok(Value::$name($from(slice(first, length)))))
                 };
                 perform(instance, &calls::$set_in_c, |c| {
                     c.set(Type::$name, slice(references, n), n_values, &given)

@@ -4,11 +4,11 @@
 use dormand_prince::solver::{Advanced, Events};
 use fmi_abi::state::State;
 
-use crate::component::{Component, IntermediateUpdate, Outcome};
-use crate::lifecycle::Mode;
+use crate::instance::{Instance, IntermediateUpdate, Status};
+use crate::lifecycle::InstanceType;
 use crate::model::ModelError;
 
-/// What a step returns besides its outcome.
+/// What a step returns besides its status.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Results {
     pub(crate) event_handling_needed: bool,
@@ -29,10 +29,10 @@ pub(crate) enum Next {
     /// Let the host do its update, and continue with the time of an early return that it requests.
     Update(IntermediateUpdate),
     /// Return from the step.
-    Return(Outcome, Results),
+    Return(Status, Results),
 }
 
-/// A step that is taken in parts. It borrows the component only while a part is taken, since the host calls
+/// A step that is taken in parts. It borrows the instance only while a part is taken, since the host calls
 /// functions of the instance in an intermediate update.
 pub(crate) struct Stepping {
     start: f64,
@@ -52,39 +52,35 @@ pub(crate) struct Stepping {
 
 impl Stepping {
     /// Begins a step; fails with what it returns if no step is to be taken.
-    pub(crate) fn begin(
-        c: &mut Component,
-        time: f64,
-        step: f64,
-    ) -> Result<Self, (Outcome, Results)> {
-        if let Some(outcome) = c.refuse_step(time, step) {
-            return Err((outcome, Results::plain(c.shared.lifecycle.now())));
+    pub(crate) fn begin(c: &mut Instance, time: f64, step: f64) -> Result<Self, (Status, Results)> {
+        if let Some(status) = c.refuse_step(time, step) {
+            return Err((status, Results::plain(c.shared.lifecycle.now())));
         }
         let call = &c.shared.settings.edge.do_step;
         // As without event mode, a step with too many samples is not begun.
         let counted = c.call(call, |c| {
             let shared = &c.shared;
             let is_whole = !shared.settings.early_return_allowed;
-            if is_whole && c.model.facts().is_sampled {
+            if is_whole && c.model.info().is_sampled {
                 let mut clock = shared.lifecycle.clock;
                 let counted = clock.due(time, step);
                 counted.map_err(|error| error.in_step(time, step))?;
             }
             Ok(())
         });
-        if counted != Outcome::Ok {
+        if counted != Status::Ok {
             return Err((counted, Results::plain(c.shared.lifecycle.now())));
         }
         /// The internal points are at most this many, and at most as far from each other as the steps of the
         /// model's default experiment.
         const MAX: f64 = 1e6;
-        let facts = c.model.facts();
+        let info = c.model.info();
         // A ramp of an input begins where the model's own step does, so that step is taken as a whole.
         let is_divided = c.shared.settings.intermediate_update.is_some()
-            && facts.is_continuous
+            && info.is_continuous
             && !c.shared.lifecycle.has_input_derivatives;
         let count = match is_divided {
-            true => libm::ceil(step / facts.step - 1e-6).clamp(1.0, MAX),
+            true => libm::ceil(step / info.step - 1e-6).clamp(1.0, MAX),
             false => 1.0,
         };
         Ok(Self {
@@ -100,21 +96,21 @@ impl Stepping {
     }
 
     /// Takes parts of the step up to the next intermediate update, or the end.
-    pub(crate) fn advance(&mut self, c: &mut Component) -> Next {
+    pub(crate) fn advance(&mut self, c: &mut Instance) -> Next {
         match self.take_parts(c) {
             Ok(next) => next,
-            Err(outcome) => {
+            Err(status) => {
                 let now = c.shared.lifecycle.now();
-                let outcome = match now > self.start {
-                    true => c.fail_part(outcome),
-                    false => outcome,
+                let status = match now > self.start {
+                    true => c.fail_part(status),
+                    false => status,
                 };
-                Next::Return(outcome, Results::plain(now))
+                Next::Return(status, Results::plain(now))
             }
         }
     }
 
-    fn take_parts(&mut self, c: &mut Component) -> Result<Next, Outcome> {
+    fn take_parts(&mut self, c: &mut Instance) -> Result<Next, Status> {
         let call = &c.shared.settings.edge.do_step;
         let settings = &c.shared.settings;
         let may_return = settings.early_return_allowed;
@@ -145,8 +141,8 @@ impl Stepping {
 
     /// Advances to a time, or to the first event if the step may end there. In event mode, events are the
     /// host's: nothing discrete changes in a step. Without early return, they wait for its end.
-    fn take_part(&mut self, c: &mut Component, mut to: f64) -> Result<(), ModelError> {
-        let has_events = c.shared.lifecycle.mode == Mode::CoSimulationWithEvents;
+    fn take_part(&mut self, c: &mut Instance, mut to: f64) -> Result<(), ModelError> {
+        let has_events = c.shared.lifecycle.instance_type == InstanceType::CoSimulationWithEvents;
         let may_return = c.shared.settings.early_return_allowed;
         let event = if has_events { c.next_event() } else { None };
         let event = event.filter(|event| *event <= to + self.tolerance);
@@ -156,12 +152,12 @@ impl Stepping {
             to = event.max(self.now);
         }
         self.has_event |= event.is_some();
-        let (time, step, facts) = (self.now, to - self.now, c.model.facts());
+        let (time, step, info) = (self.now, to - self.now, c.model.info());
         let mut reached = to;
-        if step > 0.0 && !(has_events && facts.is_sampled) {
+        if step > 0.0 && !(has_events && info.is_sampled) {
             // A step of the model's own would handle its events.
-            let would_handle = !facts.event_indicators.is_empty() || is_within && !may_return;
-            let taken = match (has_events, facts.is_integrated) {
+            let would_handle = !info.event_indicators.is_empty() || is_within && !may_return;
+            let taken = match (has_events, info.is_integrated) {
                 (false, true) => c.integrate(time, step),
                 (true, is_integrated) if is_integrated || would_handle => {
                     let events = if may_return { Events::EndStep } else { Events::Wait };
@@ -186,14 +182,14 @@ impl Stepping {
     /// Continues after an intermediate update, in which the host may have requested an early return.
     pub(crate) fn resume(
         &mut self,
-        c: &mut Component,
+        c: &mut Instance,
         update: IntermediateUpdate,
         requested: Option<f64>,
     ) -> Next {
         match c.shared.lifecycle.state {
             State::IntermediateUpdate => c.enter(State::StepMode),
-            State::Fatal => return Next::Return(Outcome::Fatal, Results::plain(self.now)),
-            _ => return Next::Return(Outcome::Error, Results::plain(self.now)),
+            State::Fatal => return Next::Return(Status::Fatal, Results::plain(self.now)),
+            _ => return Next::Return(Status::Error, Results::plain(self.now)),
         }
         let requested = requested.filter(|time| update.can_return_early && time.is_finite());
         if let Some(requested) = requested {
@@ -211,25 +207,25 @@ impl Stepping {
             early_return: self.now < self.start + self.size - self.tolerance,
             last_successful_time: self.now,
         };
-        Next::Return(Outcome::Ok, results)
+        Next::Return(Status::Ok, results)
     }
 }
 
-fn passed(outcome: Outcome) -> Result<(), Outcome> {
-    match outcome {
-        Outcome::Ok => Ok(()),
+fn passed(status: Status) -> Result<(), Status> {
+    match status {
+        Status::Ok => Ok(()),
         other => Err(other),
     }
 }
 
-impl Component {
-    /// The outcome of a step of which a part was not taken, though others were: what the model refuses
+impl Instance {
+    /// The status of a step of which a part was not taken, though others were: what the model refuses
     /// is discarded, as the instance is no longer where the step began.
-    fn fail_part(&mut self, outcome: Outcome) -> Outcome {
-        if outcome == Outcome::Error && self.shared.lifecycle.state == State::StepMode {
+    fn fail_part(&mut self, status: Status) -> Status {
+        if status == Status::Error && self.shared.lifecycle.state == State::StepMode {
             self.enter(State::StepFailed);
-            return Outcome::Discard;
+            return Status::Discard;
         }
-        outcome
+        status
     }
 }

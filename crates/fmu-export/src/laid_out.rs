@@ -9,13 +9,13 @@ use fmu_description::{
     Causality, Dynamics, Overrides, StateError, StateReader, StateWriter, Value,
 };
 
-use crate::layout::{self, Array, Facts, Place, Tables, copy_fields};
+use crate::layout::{self, Extent, ModelInfo, Place, Tables, copy_fields};
 use crate::log::Log;
 use crate::model::{Behavior, Model, ModelError};
 use crate::values::has_own_start;
 
 /// A model with `N` scalar variables.
-pub(crate) struct Bound<M, const N: usize> {
+pub(crate) struct LaidOut<M, const N: usize> {
     pub(crate) model: M,
     /// Whether a variant uses fewer elements of an array than the table.
     is_smaller: bool,
@@ -36,7 +36,7 @@ impl Variant {
 
 /// A model of any type. The functions on `dyn AnyModel` are compiled once.
 pub(crate) trait AnyModel: Any {
-    fn facts(&self) -> &'static Facts;
+    fn info(&self) -> &'static ModelInfo;
     /// The model in memory, with its variables at the offsets of the table.
     fn memory(&mut self) -> *mut u8;
     /// Sets all values to their start values, also of a variant.
@@ -65,11 +65,11 @@ pub(crate) trait AnyModel: Any {
     fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
-impl<M: Model, const N: usize> Bound<M, N> {
+impl<M: Model, const N: usize> LaidOut<M, N> {
     /// The scalar variables, for constants only: the binary does not need them.
     pub(crate) const ROWS: &'static [ScalarVariable; N] = &scalar::scalars(M::ROWS);
     const TABLES: Tables<N> = Tables::of(Self::ROWS);
-    const FACTS: Facts = Facts {
+    const INFO: ModelInfo = ModelInfo {
         rows: M::ROWS,
         count: N,
         arrays: &const { Self::TABLES.arrays },
@@ -216,7 +216,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
             let Some(place) = Self::VARIABLES.get(reference as usize) else {
                 return false;
             };
-            let length = self.length(&Self::FACTS.arrays[reference as usize]);
+            let length = self.length(&Self::INFO.arrays[reference as usize]);
             let Some((values, others)) = rest.split_at_checked(length) else {
                 return false;
             };
@@ -245,7 +245,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
 
     /// The number of elements in use.
     #[inline(always)]
-    fn length(&mut self, array: &Array) -> usize {
+    fn length(&mut self, array: &Extent) -> usize {
         match Self::HAS_STRUCTURAL_PARAMETERS {
             // SAFETY: the entry is one of this model.
             true => unsafe { in_use(self.memory(), array) },
@@ -262,7 +262,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         // SAFETY: the caller's promise; `Variables` promises an array of `f64` at this offset.
         unsafe {
             let place = Self::VARIABLES.get_unchecked(reference as usize);
-            let length = self.length(Self::FACTS.arrays.get_unchecked(reference as usize));
+            let length = self.length(Self::INFO.arrays.get_unchecked(reference as usize));
             std::slice::from_raw_parts_mut(real_at(self.memory(), place.offset), length)
         }
     }
@@ -273,8 +273,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
 /// # Safety
 /// The entry is one of the table of the model.
 #[inline(always)]
-unsafe fn in_use(model: *mut u8, array: &Array) -> usize {
-    if array.size == Array::ALL {
+unsafe fn in_use(model: *mut u8, array: &Extent) -> usize {
+    if array.size == Extent::ALL {
         return array.count as usize;
     }
     // SAFETY: `Variables` promises a `u64` at the offset of a structural parameter.
@@ -315,9 +315,9 @@ fn copy_ends<const K: usize>(from: &[f64], to: &mut [f64]) {
     }
 }
 
-impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
-    fn facts(&self) -> &'static Facts {
-        &const { Self::FACTS }
+impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
+    fn info(&self) -> &'static ModelInfo {
+        &const { Self::INFO }
     }
 
     #[inline(always)]
@@ -412,9 +412,9 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     }
 }
 
-/// Numbers that a host integrates, or locates events with, in the order of the table.
+/// SolverVector that a host integrates, or locates events with, in the order of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Numbers {
+pub(crate) enum SolverVector {
     States,
     Derivatives,
     Nominals,
@@ -433,7 +433,7 @@ impl dyn AnyModel {
     pub(crate) fn take_starts(&mut self, from: &mut Self) {
         if (*self).type_id() == (*from).type_id() {
             // SAFETY: both are models with these rows.
-            unsafe { copy_fields(self.memory(), from.memory(), self.facts().rows, has_own_start) };
+            unsafe { copy_fields(self.memory(), from.memory(), self.info().rows, has_own_start) };
         }
     }
 
@@ -447,8 +447,8 @@ impl dyn AnyModel {
             }
             overrides = rest;
         }
-        let arrays = match self.facts().structural_parameters.0 {
-            true => self.facts().arrays,
+        let arrays = match self.info().structural_parameters.0 {
+            true => self.info().arrays,
             false => &[],
         };
         let mut in_use = (0..).zip(arrays).filter(|(_, array)| array.count > 0);
@@ -457,7 +457,7 @@ impl dyn AnyModel {
 
     /// The scalar variable with the given value reference.
     pub(crate) fn find(&self, reference: u32) -> Option<ScalarVariable> {
-        scalar::scalar_at(self.facts().rows, reference as usize)
+        scalar::scalar_at(self.info().rows, reference as usize)
     }
 
     pub(crate) fn get(&mut self, scalar: &ScalarVariable) -> Value {
@@ -475,7 +475,7 @@ impl dyn AnyModel {
     /// Number of elements in use of the variable whose first element has the given value reference;
     /// `None` for other references.
     pub(crate) fn elements(&mut self, reference: u32) -> Option<usize> {
-        let array = self.facts().arrays.get(reference as usize)?;
+        let array = self.info().arrays.get(reference as usize)?;
         // SAFETY: the entry is one of this model.
         (array.count > 0).then(|| unsafe { in_use(self.memory(), array) })
     }
@@ -490,8 +490,8 @@ impl dyn AnyModel {
 
     /// Whether any of the variables is computed only when a host asks for it.
     pub(crate) fn has_derivatives(&self, references: &[u32]) -> bool {
-        let facts = self.facts();
-        let are_there = !(facts.states.is_empty() && facts.event_indicators.is_empty());
+        let info = self.info();
+        let are_there = !(info.states.is_empty() && info.event_indicators.is_empty());
         are_there
             && references.iter().any(|&reference| {
                 self.find(reference).is_some_and(|scalar| {
@@ -504,25 +504,25 @@ impl dyn AnyModel {
     }
 
     /// How many of these numbers there are.
-    pub(crate) fn length(&self, of: Numbers) -> usize {
+    pub(crate) fn length(&self, of: SolverVector) -> usize {
         match of {
-            Numbers::EventIndicators => self.facts().event_indicators.len(),
-            _ => self.facts().states.len(),
+            SolverVector::EventIndicators => self.info().event_indicators.len(),
+            _ => self.info().states.len(),
         }
     }
 
     /// Reads as many of these numbers as there are values.
-    pub(crate) fn read(&mut self, which: Numbers, values: &mut [f64]) {
-        let facts = self.facts();
+    pub(crate) fn read(&mut self, which: SolverVector, values: &mut [f64]) {
+        let info = self.info();
         for (i, value) in values.iter_mut().enumerate().take(self.length(which)) {
             let offset = match which {
-                Numbers::Nominals => {
-                    *value = facts.states[i].nominal;
+                SolverVector::Nominals => {
+                    *value = info.states[i].nominal;
                     continue;
                 }
-                Numbers::EventIndicators => facts.event_indicators[i],
-                Numbers::Derivatives => facts.states[i].derivative_offset,
-                Numbers::States => facts.states[i].state_offset,
+                SolverVector::EventIndicators => info.event_indicators[i],
+                SolverVector::Derivatives => info.states[i].derivative_offset,
+                SolverVector::States => info.states[i].state_offset,
             };
             // SAFETY: the offsets come from the table.
             *value = unsafe { *real_at(self.memory(), offset) };
@@ -531,12 +531,12 @@ impl dyn AnyModel {
 
     pub(crate) fn event_indicator(&mut self, index: usize) -> f64 {
         // SAFETY: the offsets come from the table.
-        unsafe { *real_at(self.memory(), self.facts().event_indicators[index]) }
+        unsafe { *real_at(self.memory(), self.info().event_indicators[index]) }
     }
 
     /// Sets the first states.
     pub(crate) fn set_states(&mut self, states: &[f64]) {
-        for (state, value) in self.facts().states.iter().zip(states) {
+        for (state, value) in self.info().states.iter().zip(states) {
             // SAFETY: the offsets come from the table.
             unsafe { *real_at(self.memory(), state.state_offset) = *value };
         }
@@ -550,8 +550,8 @@ impl dyn AnyModel {
 
     /// The current states.
     pub(crate) fn states(&mut self) -> Vec<f64> {
-        let mut states = vec![0.0; self.length(Numbers::States)];
-        self.read(Numbers::States, &mut states);
+        let mut states = vec![0.0; self.length(SolverVector::States)];
+        self.read(SolverVector::States, &mut states);
         states
     }
 
@@ -559,7 +559,7 @@ impl dyn AnyModel {
     #[cold]
     #[inline(never)]
     fn find_not_finite(&mut self) -> Result<(), ModelError> {
-        for reference in 0..self.facts().count as u32 {
+        for reference in 0..self.info().count as u32 {
             if let Some(scalar) = self.find(reference)
                 && scalar.variable.causality == Causality::Output
                 && let Some(value) = self.get(&scalar).as_real()
@@ -577,9 +577,9 @@ impl dyn AnyModel {
     /// Checks that outputs, derivatives and event indicators are finite.
     pub(crate) fn check_equations(&mut self) -> Result<(), ModelError> {
         self.check_outputs()?;
-        let facts = self.facts();
-        let derivatives = facts.states.iter().map(|state| state.derivative_offset);
-        for offset in derivatives.chain(facts.event_indicators.iter().copied()) {
+        let info = self.info();
+        let derivatives = info.states.iter().map(|state| state.derivative_offset);
+        for offset in derivatives.chain(info.event_indicators.iter().copied()) {
             // SAFETY: the offsets come from the table.
             let value = unsafe { *real_at(self.memory(), offset) };
             if !value.is_finite() {
@@ -591,7 +591,7 @@ impl dyn AnyModel {
 
     #[cold]
     fn not_finite(&self, offset: usize, value: f64) -> ModelError {
-        let mut all = (0..self.facts().count as u32).filter_map(|reference| self.find(reference));
+        let mut all = (0..self.info().count as u32).filter_map(|reference| self.find(reference));
         let found = all.find(|scalar| scalar.offset_of_real() == Some(offset));
         let name = found.map(|scalar| scalar.name()).unwrap_or_default();
         ModelError::new(format_args!("{name} became {value}"))
@@ -599,7 +599,7 @@ impl dyn AnyModel {
 
     /// Sets all input derivatives to zero.
     pub(crate) fn clear_input_derivatives(&mut self) {
-        for reference in 0..self.facts().count as u32 {
+        for reference in 0..self.info().count as u32 {
             if let Some(derivative) = self.input_derivative(reference) {
                 *derivative = 0.0;
             }
@@ -614,11 +614,11 @@ impl solver::System for Equations<'_> {
     type Error = ModelError;
 
     fn nominal(&self, state: usize) -> f64 {
-        self.0.facts().states[state].nominal
+        self.0.info().states[state].nominal
     }
 
     fn states(&mut self, states: &mut [f64]) -> Result<(), ModelError> {
-        self.0.read(Numbers::States, states);
+        self.0.read(SolverVector::States, states);
         Ok(())
     }
 
@@ -629,7 +629,7 @@ impl solver::System for Equations<'_> {
     }
 
     fn derivatives(&mut self, derivatives: &mut [f64]) {
-        self.0.read(Numbers::Derivatives, derivatives);
+        self.0.read(SolverVector::Derivatives, derivatives);
     }
 
     fn event_indicator(&mut self, indicator: usize) -> f64 {
