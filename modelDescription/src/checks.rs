@@ -3,39 +3,47 @@
 
 use crate::hash::Hash;
 use crate::scalar::{ScalarVariable, each_variable, scalar_at, variable_with_hash};
-use crate::table::{Bounds, Constant, Dynamics, MAX_NAME, StartValues, TableRow, each};
+use crate::table::{Bounds, Constant, Declaration, Dynamics, MAX_NAME, TableRow, each};
 
-/// Checks that start values are within bounds, and returns them; panics at compile time with `message` and what is
-/// wrong.
+/// Checks that the maximum of a variable is not below its minimum.
 #[track_caller]
-pub const fn checked(start: StartValues, bounds: Bounds, message: &str) -> StartValues {
-    let has_values = match bounds {
-        Bounds::Real(min, max) => min <= max,
-        Bounds::Whole(min, max) => min <= max,
-        Bounds::None => true,
-    };
-    if !has_values {
-        fail(message, "impossible, expected a maximum of at least the minimum");
+pub const fn check_bounds(rows: &[TableRow], row: usize, message: &str) {
+    if let TableRow::Variable(declaration) = &rows[row]
+        && !declaration.bounds.have_values()
+    {
+        panic!("{}", message);
     }
+}
+
+/// Checks that a variable may have its start values; `message` is for those outside the bounds.
+#[track_caller]
+pub const fn check_start(rows: &[TableRow], row: usize, message: &str) {
+    if let TableRow::Variable(declaration) = &rows[row] {
+        check_start_values(declaration, message);
+    }
+}
+
+#[track_caller]
+const fn check_start_values(declaration: &Declaration, message: &str) {
+    let Declaration { start, bounds, .. } = declaration;
     let mut i = 0;
-    while i < start.len() {
-        let is_within = match (bounds, start.get(i)) {
-            (Bounds::Real(..), Constant::Real(value)) if value.is_nan() => {
-                fail(message, "NaN, expected a number")
+    while i < start.len() && bounds.have_values() {
+        let is_allowed = match start.get(i) {
+            Constant::Real(value) if value.is_nan() => {
+                panic!("a start value is NaN, expected a number")
             }
-            (Bounds::Real(..), Constant::Real(value)) if value.is_infinite() => {
-                fail(message, "infinite, expected a finite number")
+            Constant::Real(value) if value.is_infinite() => {
+                panic!("a start value is infinite, expected a finite number")
             }
-            (Bounds::Real(min, max), Constant::Real(value)) => min <= value && value <= max,
-            (Bounds::Whole(min, max), Constant::Whole(value)) => min <= value && value <= max,
+            Constant::Real(value) => bounds.contain_real(value),
+            Constant::Whole(value) => bounds.contain_whole(value),
             _ => true,
         };
-        if !is_within {
-            fail(message, "outside its bounds");
+        if !is_allowed {
+            panic!("{}", message);
         }
         i += 1;
     }
-    start
 }
 
 /// Checks that the variables of a group have other names than all other rows.
@@ -137,6 +145,12 @@ pub const fn check<const N: usize>(scalars: &[ScalarVariable; N]) {
                 );
             });
         }
+        // Of generic structs, which are not checked where they are derived.
+        assert!(
+            scalar.variable.bounds.have_values(),
+            "the maximum of a variable is below its minimum"
+        );
+        check_start_values(scalar.variable, "a start value is outside the bounds of its variable");
         check_dynamics(scalar, scalars);
         check_size(scalar, scalars);
     });

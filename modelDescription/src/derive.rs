@@ -1,7 +1,7 @@
 //! What the code of the derive macros uses.
 
 pub use crate::Interface;
-pub use crate::checks::{checked, exists, number, positive, unique};
+pub use crate::checks::{check_bounds, check_start, exists, number, positive, unique};
 use crate::scalar::scalar_count;
 use crate::table::AnyChoice;
 pub use crate::table::{Bounds, Declaration, Dynamics, Enumeration, Item, StartValues, TableRow};

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::{Causality, Type, Value, Variability};
+use crate::{Causality, Type, Value, Variability, words};
 
 /// A `for` loop in constant evaluation: over references to the items of a slice, with their indices if they are named.
 macro_rules! each {
@@ -277,13 +277,46 @@ impl Enumeration {
 impl Bounds {
     /// Whether a value of the type is allowed; real numbers are finite.
     pub fn contain(&self, value: &Value) -> bool {
-        match *self {
-            Self::Real(min, max) => (value.as_real())
-                .is_some_and(|value| value.is_finite() && min <= value && value <= max),
-            Self::Whole(min, max) => {
-                (value.as_whole()).is_some_and(|value| min <= value && value <= max)
-            }
+        match self {
+            Self::Real(..) => value.as_real().is_some_and(|value| self.contain_real(value)),
+            Self::Whole(..) => value.as_whole().is_some_and(|value| self.contain_whole(value)),
             Self::None => true,
+        }
+    }
+
+    /// Whether a real number is allowed, which is finite.
+    pub(crate) const fn contain_real(&self, value: f64) -> bool {
+        matches!(*self, Self::Real(min, max) if value.is_finite() && min <= value && value <= max)
+    }
+
+    /// Whether a whole number, or the number of an item, is allowed; an enumeration is no matter of bounds.
+    pub(crate) const fn contain_whole(&self, value: i128) -> bool {
+        match *self {
+            Self::Whole(min, max) => min <= value && value <= max,
+            _ => true,
+        }
+    }
+
+    /// Whether any value is allowed.
+    pub(crate) const fn have_values(&self) -> bool {
+        match *self {
+            Self::Real(min, max) => min <= max,
+            Self::Whole(min, max) => min <= max,
+            Self::None => true,
+        }
+    }
+
+    /// Describes the numbers that are allowed, for messages: `real` is the noun for a real number, and `unit` its unit,
+    /// empty if it has none. `None` for other types.
+    pub fn expected(&self, real: &str, unit: &str) -> Option<String> {
+        match *self {
+            Self::Real(min, max) => {
+                let [min, max] = [min, max].map(|bound| Some(bound).filter(|b| b.is_finite()));
+                let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
+                Some(format!("{real}{}{unit}", words::bounds(min, max)))
+            }
+            Self::Whole(min, max) => Some(format!("a whole number from {min} to {max}")),
+            Self::None => None,
         }
     }
 }

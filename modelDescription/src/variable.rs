@@ -5,7 +5,8 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use crate::scalar::element_name;
-use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value, words};
+use crate::table::Bounds;
+use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value};
 
 /// A variable: a scalar, or an array. The copy in a binary has its fields in this order. The default is a
 /// continuous local Float64 without a name.
@@ -121,27 +122,31 @@ impl Variable {
         declared.map(|of_type| &*of_type.items).unwrap_or_default()
     }
 
+    /// The values that its type and its bounds allow.
+    fn bounds(&self) -> Bounds {
+        let real = |bound: &Option<Value>| bound.as_ref().and_then(Value::as_real);
+        let whole = |bound: &Option<Value>| bound.as_ref().and_then(Value::as_whole);
+        match self.of_type {
+            of_type if of_type.is_float() => Bounds::Real(
+                real(&self.min).unwrap_or(f64::NEG_INFINITY),
+                real(&self.max).unwrap_or(f64::INFINITY),
+            ),
+            of_type if of_type.is_integer() || of_type == Type::Enumeration => {
+                let (low, high) = of_type.range();
+                Bounds::Whole(whole(&self.min).unwrap_or(low), whole(&self.max).unwrap_or(high))
+            }
+            _ => Bounds::None,
+        }
+    }
+
     /// Whether a value of its type is within its bounds; real numbers are finite.
     pub fn allows(&self, value: &Value) -> bool {
-        value.as_real().is_none_or(f64::is_finite)
-            && self.min.as_ref().is_none_or(|min| min <= value)
-            && self.max.as_ref().is_none_or(|max| value <= max)
+        self.bounds().contain(value)
     }
 
     /// The values that it may have, for error messages.
     pub fn expected(&self) -> String {
-        let real = |bound: &Option<Value>| bound.as_ref().and_then(Value::as_real);
-        let whole = |bound: &Option<Value>, of_type: i128| {
-            let bound = bound.as_ref().and_then(Value::as_whole);
-            bound.unwrap_or(of_type)
-        };
         match self.of_type {
-            Type::Float32 | Type::Float64 => {
-                let min = real(&self.min).unwrap_or(f64::NEG_INFINITY);
-                let max = real(&self.max).unwrap_or(f64::INFINITY);
-                let unit = words::in_unit(self.unit.as_deref().unwrap_or_default());
-                format!("a number{}{unit}", words::bounds(min, max))
-            }
             Type::Boolean => "true or false".into(),
             Type::String => "a text without null bytes".into(),
             Type::Binary => "two hexadecimal digits for each byte".into(),
@@ -149,10 +154,9 @@ impl Variable {
                 let names: Vec<_> = self.items().iter().map(|item| &*item.name).collect();
                 format!("one of {}", names.join(", "))
             }
-            of_type => {
-                let (low, high) = of_type.range();
-                let (min, max) = (whole(&self.min, low), whole(&self.max, high));
-                format!("a whole number from {min} to {max}")
+            _ => {
+                let unit = self.unit.as_deref().unwrap_or_default();
+                self.bounds().expected("a number", unit).unwrap_or_default()
             }
         }
     }

@@ -1,5 +1,7 @@
 //! Expressions in attributes, as far as the macros look into them: literals, and arrays.
 
+use std::fmt::{self, Display, Formatter};
+
 use proc_macro2::{Delimiter, Group, Span, TokenStream, TokenTree};
 use quote::{ToTokens, quote};
 use syn::parse::{Parse, ParseStream, Parser};
@@ -137,6 +139,13 @@ fn bracket_form(inner: TokenStream) -> Option<Form> {
     let elements = Punctuated::<Expression, Token![,]>::parse_terminated;
     let elements = elements.parse2(inner).ok()?;
     Some(Form::Array(elements.into_iter().collect()))
+}
+
+/// Shows it as it is written.
+impl Display for Expression {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.tokens.fmt(f)
+    }
 }
 
 impl ToTokens for Expression {

@@ -1,13 +1,13 @@
 //! A field of a struct, with its attribute checked.
 
-use fmu_description::words::{self, is_identifier};
+use fmu_description::words::is_identifier;
 use fmu_description::{Type as FmiType, Unit};
 use proc_macro2::{Span, TokenStream};
 use quote::ToTokens;
 use syn::{Attribute, Expr, ExprLit, GenericArgument, Ident, Lit, LitStr, Meta, Result, Type};
 
 use crate::attributes::{Options, Role, error, ident_name};
-use crate::expression::{Expression, Form};
+use crate::expression::Expression;
 
 /// A field.
 pub struct Field {
@@ -172,7 +172,7 @@ impl Field {
         require(given.or_else(comment).or_else(of_state), &self.ident)
     }
 
-    /// Checks that the options go with the type and with each other.
+    /// Checks that the options go with the type and with each other. Their values are checked by the compiler.
     fn check(&self) -> Result<()> {
         let (options, of_type) = (&self.options, self.of_type);
         let dimensions = self.dimensions().len();
@@ -208,7 +208,9 @@ impl Field {
             self.role == Role::Constant && !options.has("start"),
             "a constant needs a value; expected `#[constant(start = ...)]`",
         )?;
-        self.check_start()?;
+        let is_number = of_type.is_float() || of_type.is_integer();
+        let bound = options.expression("min").or(options.expression("max"));
+        refuse(bound, !is_number, "only a number has bounds")?;
         refuse(
             options.expression("derivative"),
             !is_real || is_array,
@@ -225,101 +227,7 @@ impl Field {
             "states, derivatives and event indicators are continuous and of type f64",
         )?;
         let nominal = options.expression("nominal");
-        refuse(nominal, !of_type.is_float(), "only an f64 or f32 has a nominal value")?;
-        check_positive(nominal)
-    }
-}
-
-/// Checks of start values and bounds, as far as they are literals; the compiler checks constants.
-impl Field {
-    fn check_start(&self) -> Result<()> {
-        let [start, min, max] = ["start", "min", "max"].map(|name| self.options.expression(name));
-        let is_number = self.of_type.is_float() || self.of_type.is_integer();
-        for bound in [min, max].into_iter().flatten() {
-            refuse(Some(bound), !is_number, "only a number has bounds")?;
-            self.check_type(bound)?;
-        }
-        let (low, high) = self.literal_bounds();
-        let what = format!("expected a maximum of at least {low}, the minimum");
-        refuse(max, low > high, &what)?;
-        match start {
-            Some(start) if start.is_literal() => self.check_element(start),
-            Some(start) => self.check_shape(start, &self.ty),
-            None => {
-                let is_outside = self.is_settable() && !(low <= 0.0 && 0.0 <= high);
-                let expected = words::bounds(low, high);
-                let what =
-                    format!("without `start`, it starts at 0; expected a start value{expected}");
-                refuse(Some(&self.ident), is_outside, &what)
-            }
-        }
-    }
-
-    /// The bounds that are literals; infinite if they are not, or if there are none.
-    fn literal_bounds(&self) -> (f64, f64) {
-        let bound = |name| self.options.expression(name).and_then(Expression::number);
-        let (min, max) = (bound("min"), bound("max"));
-        (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY))
-    }
-
-    /// Checks that an array has the dimensions of the type.
-    fn check_shape(&self, start: &Expression, ty: &Type) -> Result<()> {
-        match (&start.form, ungrouped(ty)) {
-            (Form::Array(elements), Type::Array(of)) => {
-                let found = elements.len();
-                let expected = length(&of.len).unwrap_or(found as f64);
-                let what = format!("expected {expected} elements, found {found}");
-                refuse(Some(start), expected != found as f64, &what)?;
-                (elements.iter()).try_for_each(|e| self.check_shape(e, &of.elem))
-            }
-            (Form::Repeat(element, _), Type::Array(of)) => self.check_shape(element, &of.elem),
-            (Form::Array(_) | Form::Repeat(..), _) => error(start, "expected a single value"),
-            (Form::Literal(_), Type::Array(_)) => {
-                let what = "expected an array, or a single value for all elements";
-                error(start, what)
-            }
-            _ => self.check_element(start),
-        }
-    }
-
-    fn check_element(&self, start: &Expression) -> Result<()> {
-        self.check_type(start)?;
-        let (low, high) = self.literal_bounds();
-        let is_outside = (start.number()).is_some_and(|value| !(low <= value && value <= high));
-        let expected = words::bounds(low, high);
-        let what = format!("outside the bounds; expected a start value{expected}");
-        refuse(Some(start), is_outside, &what)
-    }
-
-    fn check_type(&self, expression: &Expression) -> Result<()> {
-        let Form::Literal(literal) = &expression.form else { return Ok(()) };
-        let is_infinite = |number: f64| (number as f32).is_infinite();
-        let (is_right, expected) = match (self.of_type, literal) {
-            (FmiType::Float32, Lit::Int(_) | Lit::Float(_)) => {
-                (!expression.number().is_some_and(is_infinite), "a number in the range of f32")
-            }
-            (FmiType::Float32 | FmiType::Float64, _) => {
-                (matches!(literal, Lit::Int(_) | Lit::Float(_)), "a number")
-            }
-            (FmiType::Boolean, _) => (matches!(literal, Lit::Bool(_)), "`true` or `false`"),
-            (FmiType::String, _) => (matches!(literal, Lit::Str(_)), "a text in quotes"),
-            (FmiType::Binary, _) => {
-                let is_bytes = matches!(literal, Lit::ByteStr(_));
-                (is_bytes, "bytes such as b\"abc\"")
-            }
-            (FmiType::Enumeration, _) => {
-                let of = self.element_type().to_token_stream();
-                (false, &*format!("a variant of `{of}`"))
-            }
-            (of_type, Lit::Int(number)) => {
-                let (min, max) = of_type.range();
-                let number = number.base10_parse::<i128>();
-                let is_right = number.is_ok_and(|number| min <= number && number <= max);
-                (is_right, &*format!("a whole number from {min} to {max}"))
-            }
-            _ => (false, "a whole number"),
-        };
-        refuse(Some(expression), !is_right, &format!("expected {expected}"))
+        refuse(nominal, !of_type.is_float(), "only an f64 or f32 has a nominal value")
     }
 }
 
@@ -329,7 +237,7 @@ pub fn length(length: &Expr) -> Option<f64> {
     length.ok()?.number()
 }
 
-/// Checks an option that is a time, a tolerance or a nominal value.
+/// Checks an option that is a time or a tolerance, as far as it is a literal.
 pub fn check_positive(expression: Option<&Expression>) -> Result<()> {
     let is_positive = |e: &Expression| e.number().is_some_and(|value| value > 0.0);
     let is_mistake = expression.is_some_and(|e| e.is_literal() && !is_positive(e));

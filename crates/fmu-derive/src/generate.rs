@@ -1,6 +1,6 @@
 //! The code for a field: its row in the table, and the access to its value.
 
-use fmu_description::Type as FmiType;
+use fmu_description::{Type as FmiType, words};
 use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::spanned::Spanned;
@@ -99,8 +99,7 @@ impl Field {
             FmiType::Binary if !options.has("mime_type") => "application/octet-stream".into(),
             _ => text("mime_type"),
         };
-        let (dimensions, bounds) = (self.dimensions(), self.bounds());
-        let start = self.start(&bounds);
+        let (dimensions, bounds, start) = (self.dimensions(), self.bounds(), self.start());
         let initially_from = match options.has("initially_from") {
             true => {
                 let names = options.names("initially_from");
@@ -309,20 +308,43 @@ impl Field {
         if self.of_type.is_float() { quote!(Real(#min, #max)) } else { quote!(Whole(#min, #max)) }
     }
 
-    /// The type with the start values, which the compiler checks against the bounds.
-    fn start(&self, bounds: &TokenStream) -> TokenStream {
+    /// The type with the start values.
+    fn start(&self) -> TokenStream {
         let (krate, values) = (&self.krate, self.values());
         if self.of_type == FmiType::Enumeration {
             let items = self.choice_item(&quote!(ENUMERATION));
             return quote!(#krate::StartValues::Enumeration(#values, &#items));
         }
-        let place = self.options.expression("start").map(Spanned::span);
-        let place = place.unwrap_or(self.span());
-        let name = self.name.value();
-        let message = format!("the start value of `{name}` is ");
+        let place = self.options.expression("start").map_or(self.span(), Spanned::span);
         let of_type = Ident::new(self.of_type.as_str(), place);
-        let start = quote!(#krate::StartValues::#of_type(#values));
-        respan(place, quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)))
+        respan(place, quote!(#krate::StartValues::#of_type(#values)))
+    }
+
+    /// Checks of the start values and the bounds of a number in the table of its struct, which the compiler makes.
+    pub fn value_checks(&self, table: &TokenStream) -> TokenStream {
+        let (krate, row) = (&self.krate, self.row);
+        let [start, min, max] = ["start", "min", "max"].map(|name| self.options.expression(name));
+        let order = min.zip(max).map(|(min, max)| {
+            let message = format!("expected a maximum of at least {min}, the minimum");
+            let check = quote!(#krate::check_bounds(#table, #row, #message));
+            respan(max.span(), quote!(const _: () = #check;))
+        });
+        let is_checked = min.or(max).is_some() || self.of_type.is_float() && start.is_some();
+        let values = is_checked.then(|| {
+            let expected = words::bounds(min, max);
+            let (place, message) = match start {
+                Some(start) => {
+                    (start.span(), format!("outside the bounds; expected a start value{expected}"))
+                }
+                None => (
+                    self.span(),
+                    format!("without `start`, it starts at 0; expected a start value{expected}"),
+                ),
+            };
+            let check = quote!(#krate::check_start(#table, #row, #message));
+            respan(place, quote!(const _: () = #check;))
+        });
+        quote!(#order #values)
     }
 
     /// The start values as a constant slice; empty if the model calculates them.

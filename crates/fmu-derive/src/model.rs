@@ -247,8 +247,8 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     Ok(fields)
 }
 
-/// Checks that no two variables of the struct have the same name, and that the variables exist which
-/// others name, as far as no nested struct is involved.
+/// Checks that no two variables of the struct have the same name, as far as no nested struct is involved, and that
+/// the variables exist whose code others need.
 fn check_names(fields: &[Field]) -> Result<()> {
     let mut names = HashSet::new();
     for Field { name, .. } in fields.iter().filter(|field| field.is_variable()) {
@@ -257,17 +257,6 @@ fn check_names(fields: &[Field]) -> Result<()> {
         }
     }
     fields.iter().try_for_each(|field| check_size(field, fields))?;
-    let has_nested = fields.iter().any(|field| field.role == Role::Nested);
-    for name in fields.iter().flat_map(|f| f.options.names("initially_from")) {
-        let is_unknown = !has_nested && !names.contains(&name.value());
-        if is_unknown {
-            let known = fields.iter().filter(|field| field.is_variable());
-            let known: Vec<_> = known.map(|field| field.name.value()).collect();
-            let (name_of, known) = (name.value(), known.join(", "));
-            let what = format!("there is no variable {name_of:?} in this struct");
-            return error(name, format!("{what}; expected one of {known}"));
-        }
-    }
     for (name, _) in fields.iter().flat_map(|field| field.options.derivatives()) {
         if !fields.iter().any(|field| field.is_known() && field.is_named(name)) {
             let what = format!("there is no input or state {:?}", name.value());
@@ -316,9 +305,14 @@ fn checks(input: &DeriveInput, fields: &[Field], krate: &TokenStream) -> TokenSt
         respan(ident.span(), quote!(#[allow(long_running_const_eval)] const _: () = #check;))
     });
     let names = fields.iter().flat_map(|f| f.options.names("initially_from"));
+    let known = fields.iter().filter(|field| field.is_variable());
+    let known = known.map(|field| field.name.value()).collect::<Vec<_>>().join(", ");
+    let has_nested = fields.iter().any(|field| field.role == Role::Nested);
+    let expected = if has_nested { String::new() } else { format!("; expected one of {known}") };
     let exist = names.map(|name| {
-        let message = format!("there is no variable {:?} in this struct", name.value());
+        let message = format!("there is no variable {:?} in this struct{expected}", name.value());
         respan(name.span(), quote!(const _: () = #krate::exists(#rows, #name, #message);))
     });
-    quote!(const _: &[#krate::TableRow] = #rows; #(#unique)* #(#exist)*)
+    let values = fields.iter().map(|field| field.value_checks(&rows));
+    quote!(const _: &[#krate::TableRow] = #rows; #(#unique)* #(#exist)* #(#values)*)
 }

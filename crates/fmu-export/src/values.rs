@@ -6,8 +6,8 @@ use std::fmt::Display;
 use fmi_abi::FmiVersion;
 use fmi_abi::state::State;
 use fmu_description::ScalarVariable;
-use fmu_description::table::{Bounds, Declaration};
-use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
+use fmu_description::table::Declaration;
+use fmu_description::{Causality, Dynamics, Type, Value, Variability};
 
 use crate::instance::Instance;
 use crate::lifecycle::{InstanceType, Lifecycle};
@@ -41,15 +41,13 @@ impl HostValue {
 
 /// Describes the values that a variable may have.
 fn expected(field: &Declaration) -> String {
-    match (field.bounds, field.start.of_type()) {
-        (Bounds::Real(min, max), _) => {
-            let (bounds, unit) = (words::bounds(min, max), words::in_unit(field.unit));
-            format!("a finite number{bounds}{unit}")
-        }
-        (Bounds::Whole(min, max), _) => format!("a whole number from {min} to {max}"),
-        (_, Type::Boolean) => "0 (false) or 1 (true)".into(),
-        (_, Type::String) => "a text in UTF-8".into(),
-        (_, Type::Binary) => "bytes".into(),
+    if let Some(numbers) = field.bounds.expected("a finite number", field.unit) {
+        return numbers;
+    }
+    match field.start.of_type() {
+        Type::Boolean => "0 (false) or 1 (true)".into(),
+        Type::String => "a text in UTF-8".into(),
+        Type::Binary => "bytes".into(),
         _ => {
             let items = field.start.items().iter();
             let texts: Vec<_> =

@@ -17,7 +17,7 @@ struct Options {
     /** an assignment */ #[parameter = 3] assigned: f64,
     /** twice */ #[input(start = 1, start = 2)] twice: f64,
     /** without a magnitude */ #[input(nominal = 2)] flags: bool,
-    /** not a magnitude */ #[input(nominal = -2)] magnitude: f64,
+    /** needs a value */ #[constant] constant: f64,
     #[nested] groups: [[Group; 2]; 2], #[nested(flatten)] flat: [Group; 2],
     slope: f64,
 }

@@ -8,7 +8,6 @@ struct Sizes {
     /** several numbers */ #[structural_parameter(start = 1, max = 3)] several: [u64; 2],
     /** a matrix */ #[parameter(size = "small")] matrix: [[f64; 2]; 3],
     /** a scalar */ #[input(size = "small")] scalar: f64,
-    /** beyond its bounds */ #[structural_parameter(start = 4, max = 3)] start: u64,
     /** discrete */ #[structural_parameter(discrete)] discrete: u64,
 }
 

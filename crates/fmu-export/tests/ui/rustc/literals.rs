@@ -6,6 +6,8 @@ use fmu_export::prelude::*;
 struct Literals {
     /** the largest is 255 */ #[input(start = 300 / 2)] byte: u8,
     /** 128 before the sign */ #[input(start = [-(129), 0])] signed: [i8; 2],
+    /** beyond its type */ #[parameter(start = 256)] large: u8,
+    /** an element beyond its type */ #[parameter(start = [-129, 0])] small: [i8; 2],
     /** a bound */ #[input(max = 4_294_967_296 / 2)] bounded: i32,
 }
 

@@ -44,6 +44,18 @@ impl Simulate for Ended {
     }
 }
 
-export!(Lists, Sloped, Ended);
+/// Is generic, so that it is checked here
+#[derive(Model)]
+struct Generic<const N: usize> {
+    /** gains */ #[parameter(start = -1, min = 0)] gains: [f64; N],
+}
+
+impl<const N: usize> Simulate for Generic<N> {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+}
+
+export!(Lists, Sloped, Ended, Generic<2>);
 
 fn main() {}

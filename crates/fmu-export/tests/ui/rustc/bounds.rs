@@ -1,8 +1,18 @@
-//! Start values outside the bounds, and of another type, that only the compiler can evaluate.
+//! Start values and bounds that do not go together.
 
 use fmu_export::prelude::*;
 
 const GAIN: f64 = 3.0;
+
+#[derive(Variables)]
+struct Literals {
+    /** below */ #[parameter(start = -1, min = 0)] below: f64,
+    /** above */ #[parameter(start = 11, max = 10)] above: i32,
+    /** the default */ #[input(min = 1)] default: f64,
+    /** an element */ #[parameter(start = [[0.5, 1.5], [0, 2]], max = 1.5)] element: [[f64; 2]; 2],
+    /** bounds in the wrong order */ #[parameter(start = 1, min = 2, max = 0)] reversed: f64,
+    /** a structural parameter */ #[structural_parameter(start = 4, max = 3)] nodes: u64,
+}
 
 #[derive(Variables)]
 struct Constants {
@@ -13,19 +23,12 @@ struct Constants {
 #[derive(Variables)]
 struct Infinite {
     /** not finite */ #[parameter(start = f64::INFINITY)] infinite: f64,
+    /** beyond its type */ #[parameter(start = 1e39)] single: f32,
 }
 
 #[derive(Variables)]
 struct NotANumber {
     /** not a number */ #[input(start = [0.0, f64::NAN])] nan: [f64; 2],
-}
-
-const WEIGHTS: [f64; 2] = [1.0, 2.0];
-
-#[derive(Variables)]
-struct Mismatch {
-    /** another length */ #[parameter(start = WEIGHTS)] weights: [f64; 3],
-    /** another type */ #[parameter(start = GAIN)] count: i32,
 }
 
 #[derive(Variables)]
@@ -36,6 +39,11 @@ struct Reversed {
 #[derive(Variables)]
 struct Negative {
     /** not a magnitude */ #[output(nominal = -GAIN)] magnitude: f64,
+}
+
+#[derive(Variables)]
+struct NegativeLiteral {
+    /** not a magnitude either */ #[input(nominal = -2)] magnitude: f64,
 }
 
 fn main() {}
