@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::model::ModelError;
+use crate::error::ModelError;
 
 /// An instant within this fraction of the sample time of a communication point counts as lying on
 /// it: hosts compute time in floating point, so times are never compared for equality.

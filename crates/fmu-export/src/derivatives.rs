@@ -4,9 +4,9 @@ use fmi_abi::state::State;
 use fmu_description::table::{Bounds, Declaration};
 use fmu_description::{Causality, Dynamics, Type, Value};
 
+use crate::error::{ModelError, ensure, refused};
 use crate::instance::Instance;
 use crate::laid_out::AnyModel;
-use crate::model::{ModelError, ensure, refused};
 use crate::values::{check_type, unknown};
 
 impl Instance {

@@ -10,10 +10,11 @@ use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use fmi_abi::state::State;
 
+use crate::error::ModelError;
 use crate::instance::{End, Guid, Instance, Pointer, Settings, Shared, Status, Vtable};
 use crate::laid_out::{LaidOut, Variant};
 use crate::log::discard;
-use crate::model::{Model, ModelError};
+use crate::model::Model;
 
 pub(crate) const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
 

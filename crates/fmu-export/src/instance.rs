@@ -15,10 +15,11 @@ use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{StateReader, StateWriter, Variability};
 
 use crate::clock::SampleClock;
+use crate::error::{ModelError, Severity, ensure, refused};
 use crate::laid_out::{AnyModel, SolverVector, Variant};
 use crate::lifecycle::{InstanceType, Integration, Lifecycle};
 use crate::log::{Category, Log};
-use crate::model::{ModelError, Severity, Start, ensure, refused};
+use crate::model::Start;
 use crate::resources::Folder;
 
 /// The status of a call, numbered like the statuses of FMI, so that converting it is free.

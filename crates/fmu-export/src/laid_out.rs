@@ -9,9 +9,10 @@ use fmu_description::{
     Causality, Dynamics, Overrides, StateError, StateReader, StateWriter, Value,
 };
 
+use crate::error::ModelError;
 use crate::layout::{self, Extent, ModelInfo, Place, Tables, copy_fields};
 use crate::log::Log;
-use crate::model::{Behavior, Model, ModelError};
+use crate::model::{Behavior, Model};
 use crate::values::has_own_start;
 
 /// A model with `N` scalar variables.

@@ -76,6 +76,7 @@ mod clock;
 mod derivatives;
 mod edge;
 mod entry;
+mod error;
 mod fast;
 mod instance;
 mod laid_out;
@@ -95,6 +96,7 @@ pub use edge::fmi2;
 pub use edge::fmi3;
 #[doc(hidden)]
 pub use entry::{Entry, interface};
+pub use error::ModelError;
 #[doc(hidden)]
 pub use fmi_abi as abi;
 #[doc(hidden)]
@@ -111,7 +113,7 @@ pub use fmu_description::{derive, interface as embedded};
 pub use log::Log;
 #[doc(hidden)]
 pub use model::{Behavior, Stepped};
-pub use model::{Continuous, Model, ModelError, Simulate, Start};
+pub use model::{Continuous, Model, Simulate, Start};
 #[doc(hidden)]
 #[cfg(all(feature = "fmi3", not(feature = "fmi2")))]
 pub use no_functions as functions_of_fmi2;

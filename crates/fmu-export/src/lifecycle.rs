@@ -5,8 +5,8 @@ use fmi_abi::{Call, Group};
 use serde::{Deserialize, Serialize};
 
 use crate::clock::SampleClock;
+use crate::error::{ModelError, ensure};
 use crate::log::{Category, Log};
-use crate::model::{ModelError, ensure};
 
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;

@@ -12,7 +12,7 @@ use std::sync::Once;
 
 use fmu_description::{LOG_CATEGORIES, MODEL_CATEGORY};
 
-use crate::model::ModelError;
+use crate::error::ModelError;
 
 /// A log category: its position in [`LOG_CATEGORIES`], whose last category includes all others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,9 +4,9 @@
 use dormand_prince::solver::{Advanced, Events};
 use fmi_abi::state::State;
 
+use crate::error::ModelError;
 use crate::instance::{Instance, IntermediateUpdate, Status};
 use crate::lifecycle::InstanceType;
-use crate::model::ModelError;
 
 /// What a step returns besides its status.
 #[derive(Debug, Clone, Copy)]

@@ -15,11 +15,12 @@ use fmu_description::interface::GUID_LENGTH;
 
 pub use fmu_description::Value;
 
+use crate::error::{ModelError, Severity, ensure};
 use crate::fast;
 use crate::instance::{Edge, Instance, Pointer, Settings, Status};
 use crate::laid_out::LaidOut;
 use crate::log::{Category, Log};
-use crate::model::{Model, ModelError, Severity, ensure};
+use crate::model::Model;
 use crate::values::HostValue;
 
 static EDGE: Edge = Edge {

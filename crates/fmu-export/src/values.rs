@@ -9,9 +9,9 @@ use fmu_description::ScalarVariable;
 use fmu_description::table::Declaration;
 use fmu_description::{Causality, Dynamics, Type, Value, Variability};
 
+use crate::error::{ModelError, ensure, refused};
 use crate::instance::Instance;
 use crate::lifecycle::{InstanceType, Lifecycle};
-use crate::model::{ModelError, ensure, refused};
 
 /// A value from the host, which a number of another type may stand for.
 pub(crate) enum HostValue {

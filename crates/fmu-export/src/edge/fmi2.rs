@@ -17,11 +17,11 @@ use fmi_abi::{FmiVersion, c_type, fmi2_functions};
 
 use super::{c_message, text};
 use crate::entry::Entry;
+use crate::error::ModelError;
 use crate::fast::{NULL_ARRAY, free, instance_at, shared, slice, slice_mut};
 use crate::instance::{Edge, Instance, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
-use crate::model::ModelError;
 use crate::resources;
 
 static EDGE: Edge = Edge {

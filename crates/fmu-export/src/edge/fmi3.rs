@@ -23,12 +23,12 @@ use fmu_description::{Type, Value};
 
 use super::{c_message, instantiate, text};
 use crate::entry::Entry;
+use crate::error::ModelError;
 use crate::fast::{NULL_ARRAY, free, instance_at, shared, slice, slice_mut};
 use crate::instance::{Edge, Instance, IntermediateUpdate, Settings, Status};
 use crate::laid_out::SolverVector;
 use crate::lifecycle::InstanceType;
 use crate::log::{Category, Log, Sink};
-use crate::model::ModelError;
 use crate::resources::Folder;
 use crate::step::{Next, Results, Stepping};
 use crate::values::HostValue;

@@ -14,10 +14,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use fmu_description::{Type, Value};
 
 use crate::entry::Entry;
+use crate::error::ModelError;
 use crate::instance::{Instance, Pointer, Settings};
 use crate::lifecycle::InstanceType;
 use crate::log::{self, Category};
-use crate::model::ModelError;
 use crate::values::HostValue;
 
 /// Defines the entry points of a version from the rows of its functions that have an instance.

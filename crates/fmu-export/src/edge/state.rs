@@ -2,8 +2,8 @@
 
 use std::ffi::c_void;
 
+use crate::error::ModelError;
 use crate::instance::{Instance, MAGIC, Snapshot};
-use crate::model::ModelError;
 
 /// A saved state in memory.
 #[repr(C)]

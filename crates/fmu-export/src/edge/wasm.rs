@@ -30,12 +30,13 @@ use super::c_text;
 use super::fmi3::*;
 use super::scratch::{self, allocate, put};
 use crate::entry::Entry;
+use crate::error::{ModelError, refused};
 use crate::fast::{instance_at, shared};
 use crate::instance::{Instance, IntermediateUpdate, Pointer, Settings};
 use crate::laid_out::SolverVector;
 use crate::lifecycle::InstanceType;
 use crate::log::{Category, Log, Sink};
-use crate::model::{Model, ModelError, refused};
+use crate::model::Model;
 use crate::values::HostValue;
 
 #[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
