@@ -23,7 +23,7 @@ pub struct Entry {
     is_for_model_exchange: bool,
     create: fn(Settings, (&'static Guid, Option<Variant>)) -> Pointer,
     #[cfg(target_arch = "wasm32")]
-    pub(crate) needs: crate::edge::wasm::Needs,
+    pub(crate) needs: crate::needs::Needs,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
     _embedded: &'static [u8],
 }
@@ -75,7 +75,7 @@ impl Entry {
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: fast::create::<M, N>,
             #[cfg(target_arch = "wasm32")]
-            needs: crate::edge::wasm::Needs::of::<M>(),
+            needs: crate::needs::Needs::for_model::<M>(),
             _embedded: embedded,
         }
     }

@@ -15,34 +15,7 @@ use crate::instance::{End, Guid, Instance, Pointer, Settings, Shared, Status, Vt
 use crate::laid_out::{LaidOut, Variant};
 use crate::log::discard;
 use crate::model::Model;
-
-pub(crate) const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
-
-/// `n` elements behind a pointer; `None` if it is NULL although `n` is not 0.
-///
-/// # Safety
-/// `pointer` is NULL or points to `n` elements that do not change during the slice's lifetime.
-pub(crate) unsafe fn slice<'a, T>(pointer: *const T, n: usize) -> Option<&'a [T]> {
-    match (pointer.is_null(), n) {
-        (_, 0) => Some(&[]),
-        (true, _) => None,
-        // SAFETY: not NULL by the check, and valid for `n` elements by the caller's promise.
-        (false, _) => Some(unsafe { std::slice::from_raw_parts(pointer, n) }),
-    }
-}
-
-/// Like [`slice`], but mutable.
-///
-/// # Safety
-/// As [`slice`], and the elements are not used otherwise during the slice's lifetime.
-pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a mut [T]> {
-    match (pointer.is_null(), n) {
-        (_, 0) => Some(&mut []),
-        (true, _) => None,
-        // SAFETY: not NULL by the check, and valid for `n` elements by the caller's promise.
-        (false, _) => Some(unsafe { std::slice::from_raw_parts_mut(pointer, n) }),
-    }
-}
+use crate::pointers::{NULL_ARRAY, slice, slice_mut};
 
 /// The part of an instance that does not depend on the model; `None` for NULL.
 ///

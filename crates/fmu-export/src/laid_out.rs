@@ -10,10 +10,9 @@ use fmu_description::{
 };
 
 use crate::error::ModelError;
-use crate::layout::{self, Extent, ModelInfo, Place, Tables, copy_fields};
+use crate::layout::{self, Extent, ModelInfo, Place, Tables, copy_fields, has_own_start};
 use crate::log::Log;
 use crate::model::{Behavior, Model};
-use crate::values::has_own_start;
 
 /// A model with `N` scalar variables.
 pub(crate) struct LaidOut<M, const N: usize> {

@@ -227,6 +227,11 @@ const fn is_switch(field: &Declaration) -> bool {
     }
 }
 
+/// Whether the model computes the variable but for its start value: initial is exact.
+pub(crate) fn has_own_start(variable: &Declaration) -> bool {
+    matches!(variable.causality, Causality::Output | Causality::Local) && !variable.start.is_empty()
+}
+
 /// What the code that all models share knows of a model.
 pub(crate) struct ModelInfo {
     pub(crate) rows: &'static [TableRow],

@@ -72,6 +72,8 @@
 
 #[cfg(all(fmu_export_no_backtrace, not(target_feature = "crt-static")))]
 mod backtrace;
+#[cfg(target_arch = "wasm32")]
+mod canonical;
 mod clock;
 mod derivatives;
 mod edge;
@@ -84,6 +86,9 @@ mod layout;
 mod lifecycle;
 mod log;
 mod model;
+#[cfg(target_arch = "wasm32")]
+mod needs;
+mod pointers;
 mod resources;
 mod step;
 pub mod testing;

@@ -6,7 +6,7 @@ use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, c_int};
 use std::fmt::{Arguments, Debug, Display, Formatter};
 use std::mem;
-use std::panic::{AssertUnwindSafe, Location, catch_unwind};
+use std::panic::{AssertUnwindSafe, Location, PanicHookInfo, catch_unwind};
 use std::rc::Rc;
 use std::sync::Once;
 
@@ -196,15 +196,13 @@ thread_local! {
 }
 
 /// Keeps panic messages off stderr, as they go to the logger. The hook belongs to this library's own
-/// copy of `std`, so the host's hook is unaffected.
-pub(crate) fn silence_panics() {
+/// copy of `std`, so the host's hook is unaffected. `report` is for those that cannot be caught.
+pub(crate) fn silence_panics(report: fn(&PanicHookInfo<'_>)) {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        std::panic::set_hook(Box::new(|panic| {
+        std::panic::set_hook(Box::new(move |panic| {
             remember(panic.location());
-            // A component cannot catch the panic.
-            #[cfg(target_arch = "wasm32")]
-            crate::edge::wasm::report_panic(panic);
+            report(panic);
         }));
     });
 }

@@ -226,7 +226,7 @@ impl Start {
         #[cfg(target_arch = "wasm32")]
         let (path, text) = {
             let path = name_of_resource(file.as_ref())?;
-            (path, crate::edge::wasm::read_resource(path))
+            (path, crate::resources::read_resource(path))
         };
         text.map_err(|error| {
             ModelError::new(format_args!("cannot read the resource {}: {error}", path.display()))

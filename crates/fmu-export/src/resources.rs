@@ -1,7 +1,14 @@
 //! The folder of the resources, from the URI that the host passes to `fmi2Instantiate` (FMI 2.0.5,
-//! section 2.1.5).
+//! section 2.1.5). A WebAssembly component has none: its host reads them.
 
+#[cfg(target_arch = "wasm32")]
+use std::mem::MaybeUninit;
+#[cfg(target_arch = "wasm32")]
+use std::path::Path;
 use std::path::PathBuf;
+
+#[cfg(target_arch = "wasm32")]
+use crate::canonical::{Answer, Text, slice};
 
 /// The folder of the resources, or why it is not known.
 pub(crate) type Folder = Result<PathBuf, String>;
@@ -77,6 +84,30 @@ fn decode(text: &str) -> Option<String> {
         decoded.extend_from_slice(rest);
     }
     String::from_utf8(decoded).ok()
+}
+
+#[cfg(target_arch = "wasm32")]
+#[link(wasm_import_module = "fmi:fmi3/resource-dir-callbacks@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "read-file"]
+    fn read_file(path: *const u8, length: usize, content: *mut MaybeUninit<Answer<Text, Text>>);
+}
+
+/// Reads a resource by the host, which has the files.
+#[cfg(target_arch = "wasm32")]
+pub(crate) fn read_resource(path: &Path) -> Result<String, String> {
+    let path = path.to_str().ok_or("its name is not UTF-8")?;
+    let mut content = MaybeUninit::uninit();
+    // SAFETY: the host provides this function with these arguments, and writes the answer, whose list is valid
+    // until the end of the call.
+    unsafe {
+        read_file(path.as_ptr(), path.len(), &mut content);
+        let bytes = |text: &Text| slice(text.first, text.length).to_vec();
+        match content.assume_init_ref() {
+            Answer::Ok(text) => String::from_utf8(bytes(text)).map_err(|error| error.to_string()),
+            Answer::Err(text) => Err(String::from_utf8_lossy(&bytes(text)).into_owned()),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use fmu_description::{Causality, Dynamics, Type, Value, Variability};
 
 use crate::error::{ModelError, ensure, refused};
 use crate::instance::Instance;
+use crate::layout::has_own_start;
 use crate::lifecycle::{InstanceType, Lifecycle};
 
 /// A value from the host, which a number of another type may stand for.
@@ -291,11 +292,6 @@ numbers! {
 /// Whether start values may be set.
 fn is_start(state: State) -> bool {
     matches!(state, State::Instantiated | State::Initialization)
-}
-
-/// Whether the model computes the variable but for its start value: initial is exact.
-pub(crate) fn has_own_start(variable: &Declaration) -> bool {
-    matches!(variable.causality, Causality::Output | Causality::Local) && !variable.start.is_empty()
 }
 
 /// Why the host may not set the variable now; `None` if it may.

@@ -15,13 +15,13 @@ pub use fmi_abi::fmi2::*;
 use fmi_abi::state::State;
 use fmi_abi::{FmiVersion, c_type, fmi2_functions};
 
-use super::{c_message, text};
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::{NULL_ARRAY, free, instance_at, shared, slice, slice_mut};
+use crate::fast::{free, instance_at, shared};
 use crate::instance::{Edge, Instance, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
+use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
 use crate::resources;
 
 static EDGE: Edge = Edge {

@@ -21,14 +21,15 @@ use fmi_abi::state::State;
 use fmi_abi::{FmiVersion, c_type, fmi3_functions};
 use fmu_description::{Type, Value};
 
-use super::{c_message, instantiate, text};
+use super::instantiate;
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::{NULL_ARRAY, free, instance_at, shared, slice, slice_mut};
+use crate::fast::{free, instance_at, shared};
 use crate::instance::{Edge, Instance, IntermediateUpdate, Settings, Status};
 use crate::laid_out::SolverVector;
 use crate::lifecycle::InstanceType;
 use crate::log::{Category, Log, Sink};
+use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
 use crate::resources::Folder;
 use crate::step::{Next, Results, Stepping};
 use crate::values::HostValue;

@@ -8,7 +8,7 @@
 //!
 //! [`wasm`] is the interface of WebAssembly components. It is there if the target is, in place of the names in C.
 
-use std::ffi::{CStr, CString, c_char};
+use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use fmu_description::{Type, Value};
@@ -17,7 +17,8 @@ use crate::entry::Entry;
 use crate::error::ModelError;
 use crate::instance::{Instance, Pointer, Settings};
 use crate::lifecycle::InstanceType;
-use crate::log::{self, Category};
+use crate::log::Category;
+use crate::pointers::{c_text, texts};
 use crate::values::HostValue;
 
 /// Defines the entry points of a version from the rows of its functions that have an instance.
@@ -143,47 +144,9 @@ macro_rules! apply {
 pub mod fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
 pub mod fmi3;
-#[cfg(target_arch = "wasm32")]
-mod scratch;
 mod state;
 #[cfg(target_arch = "wasm32")]
-pub(crate) mod wasm;
-
-/// The string behind a pointer; `None` for NULL.
-///
-/// # Safety
-/// `text` is NULL or points to a zero-terminated string that lives long enough.
-unsafe fn text<'a>(text: *const c_char) -> Option<&'a CStr> {
-    // SAFETY: not NULL by the check, and a C string by the caller's promise.
-    (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) })
-}
-
-/// The strings behind pointers.
-///
-/// # Safety
-/// As [`text`].
-unsafe fn texts<'a>(pointers: &[*const c_char]) -> Vec<Option<&'a CStr>> {
-    // SAFETY: the caller's promise.
-    pointers.iter().map(|&pointer| unsafe { text(pointer) }).collect()
-}
-
-/// A text for C, where strings end at a zero byte. Our messages have none, but they may quote the host.
-fn c_text(text: &str) -> CString {
-    CString::new(text.replace('\0', " ")).unwrap_or_default()
-}
-
-/// A message for C, where `#` introduces a value reference (FMI 2.0.5, section 2.1.5; FMI 3.0.2, section 2.3.1).
-fn c_message(text: &str) -> CString {
-    let mut bytes = Vec::with_capacity(text.len() + 1);
-    // Less code than `replace`.
-    for byte in text.bytes() {
-        bytes.push(if byte == 0 { b' ' } else { byte });
-        if byte == b'#' {
-            bytes.push(byte);
-        }
-    }
-    CString::new(bytes).unwrap_or_default()
-}
+mod wasm;
 
 /// Creates an instance of the model that a host chooses by name and GUID, of a type. On failure, logs the
 /// reason and returns NULL.
@@ -194,7 +157,8 @@ fn instantiate(
     instance_type: Result<InstanceType, String>,
     settings: Settings,
 ) -> Pointer {
-    log::silence_panics();
+    #[cfg(not(target_arch = "wasm32"))]
+    crate::log::silence_panics(|_| {});
     let log = settings.log.clone();
     let made = catch_unwind(AssertUnwindSafe(|| {
         let version = settings.edge.version;

@@ -5,6 +5,8 @@
 use std::alloc::Layout;
 use std::cell::RefCell;
 
+use crate::canonical::{List, Text};
+
 /// Arguments and results that are larger than a block get a block of their own.
 const BLOCK: usize = 4096;
 /// The largest alignment of a value.
@@ -70,6 +72,14 @@ pub(super) fn put<T>(value: T) -> *const T {
     // SAFETY: it is memory for a value of this type, aligned for it.
     unsafe { place.write(value) };
     place
+}
+
+/// Memory with these bytes, until the next call.
+pub(super) fn copied(bytes: &[u8]) -> Text {
+    let first = allocate::<u8>(bytes.len());
+    // SAFETY: it is memory for as many bytes.
+    unsafe { first.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
+    List { first, length: bytes.len() }
 }
 
 /// Ends a call, whose results the host reads before it makes another one.

@@ -1,0 +1,70 @@
+//! The functions of a host that only some models need.
+
+use crate::instance::{IntermediateUpdate, Pointer};
+use crate::model::Model;
+
+#[link(wasm_import_module = "fmi:fmi3/intermediate-update-callbacks@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "intermediate-update"]
+    fn intermediate_update(
+        time: f64,
+        set_requested: bool,
+        get_allowed: bool,
+        step_finished: bool,
+        can_return_early: bool,
+        requested: *mut EarlyReturn,
+    );
+}
+
+#[link(wasm_import_module = "[export]fmi:fmi3/co-simulation@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "[resource-new]co-simulation-instance"]
+    pub(crate) safe fn new_co_simulation(instance: Pointer) -> u32;
+}
+
+#[link(wasm_import_module = "[export]fmi:fmi3/model-exchange@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "[resource-new]model-exchange-instance"]
+    safe fn new_model_exchange(instance: Pointer) -> u32;
+}
+
+/// What a model needs of the host. A component imports what one of its models needs, since the linker drops the
+/// others.
+pub(crate) struct Needs {
+    pub(crate) new_model_exchange: Option<extern "C" fn(Pointer) -> u32>,
+    pub(crate) intermediate_update: Option<fn(IntermediateUpdate) -> Option<f64>>,
+}
+
+impl Needs {
+    pub(crate) const fn for_model<M: Model>() -> Self {
+        extern "C" fn new(instance: Pointer) -> u32 {
+            new_model_exchange(instance)
+        }
+        Self {
+            new_model_exchange: match M::IS_SAMPLED || M::IS_CONTINUOUS {
+                true => Some(new),
+                false => None,
+            },
+            intermediate_update: match M::IS_CONTINUOUS {
+                true => Some(call_back),
+                false => None,
+            },
+        }
+    }
+}
+
+/// What a host answers in an intermediate update.
+#[repr(C)]
+struct EarlyReturn {
+    is_requested: bool,
+    time: f64,
+}
+
+/// Calls the host in an intermediate update. Returns the time of an early return that it requests.
+fn call_back(update: IntermediateUpdate) -> Option<f64> {
+    let mut answer = EarlyReturn { is_requested: false, time: update.time };
+    let IntermediateUpdate { time, set_requested, can_return_early } = update;
+    // SAFETY: the host provides this function with these arguments; the pointer is valid during the call.
+    unsafe { intermediate_update(time, set_requested, true, true, can_return_early, &mut answer) };
+    answer.is_requested.then_some(answer.time)
+}
