@@ -10,9 +10,8 @@ use std::rc::Rc;
 use dormand_prince::solver::{self, Advanced, Events, Workspace};
 use fmi_abi::state::State;
 use fmi_abi::{Call, FmiVersion};
-use fmu_description::hash::checksum;
+use fmu_description::Variability;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{StateReader, StateWriter, Variability};
 
 use crate::clock::SampleClock;
 use crate::error::{ModelError, Severity, ensure, refused};
@@ -139,7 +138,7 @@ pub(crate) struct Shared {
     pub(crate) vtable: &'static Vtable,
     pub(crate) lifecycle: Lifecycle,
     pub(crate) settings: Settings,
-    guid: &'static Guid,
+    pub(crate) guid: &'static Guid,
     variant: Option<Variant>,
     /// Until the end of the initialization, a fresh model with the start values of outputs and local variables, if
     /// the host has set any.
@@ -157,23 +156,8 @@ pub(crate) struct Shared {
     before: Option<Box<dyn AnyModel>>,
 }
 
-/// The first bytes of a serialized state.
-pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
-/// Version of the serialization format; increase it when the format changes.
-const VERSION: u32 = 11;
 /// Maximum number of time events in one communication step of event mode; more would take seconds to handle.
 const MAX_EVENTS: u32 = 10_000_000;
-const CHECKSUM: usize = size_of::<u128>();
-const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
-
-/// The complete state of an instance.
-pub(crate) struct Snapshot {
-    guid: Guid,
-    pub(crate) lifecycle: Lifecycle,
-    starts: Option<Box<dyn AnyModel>>,
-    model: Box<dyn AnyModel>,
-}
-
 impl<M: AnyModel> Instance<M> {
     pub(crate) fn new(
         settings: Settings,
@@ -686,102 +670,6 @@ impl Instance {
         advanced
     }
 
-    /// The complete state of the instance.
-    pub(crate) fn snapshot(&self) -> Result<Snapshot, ModelError> {
-        self.check_saved()?;
-        Ok(Snapshot {
-            guid: *self.shared.guid,
-            lifecycle: self.shared.lifecycle,
-            starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
-            model: self.model.copy(),
-        })
-    }
-
-    fn check_saved(&self) -> Result<(), ModelError> {
-        ensure!(
-            !self.model.info().is_unsaved,
-            "the model has fields that cannot be saved: canGetAndSetFMUState is false"
-        );
-        Ok(())
-    }
-
-    /// Restores a snapshot of this or another instance of the model.
-    pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), ModelError> {
-        let shared = &mut self.shared;
-        let (found, expected) = (snapshot.lifecycle.instance_type, shared.lifecycle.instance_type);
-        ensure!(
-            found == expected,
-            "the state is from an instance for {}; expected one for {}",
-            found.name(),
-            expected.name()
-        );
-        ensure!(
-            self.model.assign(snapshot.model.as_ref()),
-            "the state belongs to the model {}, not to {}",
-            text(&snapshot.guid),
-            text(shared.guid)
-        );
-        shared.lifecycle = snapshot.lifecycle;
-        shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
-        Ok(())
-    }
-
-    /// Serializes a state: header, payload, and a checksum of both.
-    pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
-        let mut payload = StateWriter::default();
-        let is_own = self.model.type_id() == (*state.model).type_id();
-        let saved = payload.put(&state.lifecycle).is_ok()
-            && payload.put(&state.starts.is_some()).is_ok()
-            && state.model.save(&mut payload).is_ok()
-            && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok());
-        ensure!(is_own && saved, "the state belongs to another model");
-        let mut bytes =
-            [&MAGIC[..], &VERSION.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
-        bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
-        Ok(bytes)
-    }
-
-    /// Deserializes a state of the model.
-    pub(crate) fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot, ModelError> {
-        self.check_saved()?;
-        let damaged = || ModelError::refuse("the bytes are damaged or not a serialized FMU state");
-        let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
-        let (content, sum) = bytes.split_at(end);
-        if sum != checksum(content).to_le_bytes() || content.len() < HEADER {
-            return Err(damaged());
-        }
-        let (magic, rest) = content.split_at(MAGIC.len());
-        let (version, rest) = rest.split_first_chunk().ok_or_else(damaged)?;
-        let (guid, payload) = rest.split_at(size_of::<Guid>());
-        if magic != MAGIC {
-            return Err(damaged());
-        }
-        let (version, expected) = (u32::from_le_bytes(*version), self.shared.guid);
-        ensure!(
-            version == VERSION && guid == expected,
-            "the bytes are a state of the model {}, format {version}; expected {}, format {VERSION}",
-            text(guid),
-            text(expected)
-        );
-        let mut loader = StateReader::new(payload);
-        let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
-        let Lifecycle { instance_type, state, .. } = lifecycle;
-        if !instance_type.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
-            return Err(damaged());
-        }
-        let has_starts: bool = loader.take().map_err(|_| damaged())?;
-        let mut load = || {
-            let mut model = self.model.copy();
-            model.load(&mut loader).map(|()| model).map_err(|_| damaged())
-        };
-        let model = load()?;
-        let starts = if has_starts { Some(load()?) } else { None };
-        if !loader.is_empty() {
-            return Err(damaged());
-        }
-        Ok(Snapshot { guid: *expected, lifecycle, starts, model })
-    }
-
     /// Evaluates the equations between steps if the host asks for what is computed only then: derivatives and event
     /// indicators. Otherwise, computes what is not up to date. Returns the model before an evaluation, to which it
     /// is to return: outputs have the values of the last step.
@@ -928,8 +816,4 @@ fn tolerance(of_host: Option<f64>, of_model: f64) -> Result<f64, ModelError> {
         None if of_model == 0.0 => Ok(1e-6),
         None => Ok(of_model),
     }
-}
-
-fn text(guid: &[u8]) -> String {
-    String::from_utf8_lossy(guid).into_owned()
 }

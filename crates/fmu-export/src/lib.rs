@@ -90,6 +90,7 @@ mod model;
 mod needs;
 mod pointers;
 mod resources;
+mod snapshot;
 mod step;
 pub mod testing;
 mod values;

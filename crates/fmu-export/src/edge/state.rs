@@ -1,19 +1,20 @@
-//! Saved states behind pointers of a host (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.7.4).
+//! SavedState states behind pointers of a host (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.7.4).
 
 use std::ffi::c_void;
 
 use crate::error::ModelError;
-use crate::instance::{Instance, MAGIC, Snapshot};
+use crate::instance::Instance;
+use crate::snapshot::{MAGIC, Snapshot};
 
 /// A saved state in memory.
 #[repr(C)]
-struct Saved {
+struct SavedState {
     /// Distinguishes our states from other memory.
     magic: [u8; 8],
     snapshot: Snapshot,
 }
 
-impl Drop for Saved {
+impl Drop for SavedState {
     fn drop(&mut self) {
         // Helps to detect a pointer that the host uses after freeing it.
         self.magic = [0; 8];
@@ -26,8 +27,8 @@ impl Drop for Saved {
 /// # Safety
 /// `state` is NULL or points to readable memory; if it came from [`store`], it is not freed and not used
 /// concurrently.
-unsafe fn saved<'a>(state: *mut c_void) -> Result<&'a mut Saved, ModelError> {
-    let state = state.cast::<Saved>();
+unsafe fn saved<'a>(state: *mut c_void) -> Result<&'a mut SavedState, ModelError> {
+    let state = state.cast::<SavedState>();
     if state.is_null() {
         return Err(ModelError::refuse("the FMU state is NULL"));
     }
@@ -51,7 +52,7 @@ fn required<T>(variable: Option<&mut T>) -> Result<&mut T, ModelError> {
 /// # Safety
 /// As [`saved`].
 unsafe fn store(snapshot: Snapshot, state: &mut *mut c_void) -> Result<(), ModelError> {
-    let new = Saved { magic: MAGIC, snapshot };
+    let new = SavedState { magic: MAGIC, snapshot };
     match state.is_null() {
         true => *state = Box::into_raw(Box::new(new)).cast(),
         // SAFETY: the caller's promise.

@@ -1,0 +1,127 @@
+//! The complete state of an instance: taken, restored and serialized (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section
+//! 2.2.7.4).
+
+use fmu_description::hash::checksum;
+use fmu_description::{StateReader, StateWriter};
+
+use crate::error::{ModelError, ensure};
+use crate::instance::{Guid, Instance};
+use crate::laid_out::AnyModel;
+use crate::lifecycle::Lifecycle;
+
+/// The first bytes of a serialized state.
+pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
+/// Version of the serialization format; increase it when the format changes.
+const VERSION: u32 = 11;
+const CHECKSUM: usize = size_of::<u128>();
+const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
+
+/// The complete state of an instance.
+pub(crate) struct Snapshot {
+    guid: Guid,
+    pub(crate) lifecycle: Lifecycle,
+    starts: Option<Box<dyn AnyModel>>,
+    model: Box<dyn AnyModel>,
+}
+
+impl Instance {
+    /// The complete state of the instance.
+    pub(crate) fn snapshot(&self) -> Result<Snapshot, ModelError> {
+        self.check_saved()?;
+        Ok(Snapshot {
+            guid: *self.shared.guid,
+            lifecycle: self.shared.lifecycle,
+            starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
+            model: self.model.copy(),
+        })
+    }
+
+    fn check_saved(&self) -> Result<(), ModelError> {
+        ensure!(
+            !self.model.info().is_unsaved,
+            "the model has fields that cannot be saved: canGetAndSetFMUState is false"
+        );
+        Ok(())
+    }
+
+    /// Restores a snapshot of this or another instance of the model.
+    pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), ModelError> {
+        let shared = &mut self.shared;
+        let (found, expected) = (snapshot.lifecycle.instance_type, shared.lifecycle.instance_type);
+        ensure!(
+            found == expected,
+            "the state is from an instance for {}; expected one for {}",
+            found.name(),
+            expected.name()
+        );
+        ensure!(
+            self.model.assign(snapshot.model.as_ref()),
+            "the state belongs to the model {}, not to {}",
+            text(&snapshot.guid),
+            text(shared.guid)
+        );
+        shared.lifecycle = snapshot.lifecycle;
+        shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
+        Ok(())
+    }
+
+    /// Serializes a state: header, payload, and a checksum of both.
+    pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
+        let mut payload = StateWriter::default();
+        let is_own = self.model.type_id() == (*state.model).type_id();
+        let saved = payload.put(&state.lifecycle).is_ok()
+            && payload.put(&state.starts.is_some()).is_ok()
+            && state.model.save(&mut payload).is_ok()
+            && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok());
+        ensure!(is_own && saved, "the state belongs to another model");
+        let mut bytes =
+            [&MAGIC[..], &VERSION.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
+        bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
+        Ok(bytes)
+    }
+
+    /// Deserializes a state of the model.
+    pub(crate) fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot, ModelError> {
+        self.check_saved()?;
+        let damaged = || ModelError::refuse("the bytes are damaged or not a serialized FMU state");
+        let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
+        let (content, sum) = bytes.split_at(end);
+        if sum != checksum(content).to_le_bytes() || content.len() < HEADER {
+            return Err(damaged());
+        }
+        let (magic, rest) = content.split_at(MAGIC.len());
+        let (version, rest) = rest.split_first_chunk().ok_or_else(damaged)?;
+        let (guid, payload) = rest.split_at(size_of::<Guid>());
+        if magic != MAGIC {
+            return Err(damaged());
+        }
+        let (version, expected) = (u32::from_le_bytes(*version), self.shared.guid);
+        ensure!(
+            version == VERSION && guid == expected,
+            "the bytes are a state of the model {}, format {version}; expected {}, format {VERSION}",
+            text(guid),
+            text(expected)
+        );
+        let mut loader = StateReader::new(payload);
+        let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
+        let Lifecycle { instance_type, state, .. } = lifecycle;
+        if !instance_type.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
+            return Err(damaged());
+        }
+        let has_starts: bool = loader.take().map_err(|_| damaged())?;
+        let mut load = || {
+            let mut model = self.model.copy();
+            model.load(&mut loader).map(|()| model).map_err(|_| damaged())
+        };
+        let model = load()?;
+        let starts = if has_starts { Some(load()?) } else { None };
+        if !loader.is_empty() {
+            return Err(damaged());
+        }
+        Ok(Snapshot { guid: *expected, lifecycle, starts, model })
+    }
+}
+
+fn text(guid: &[u8]) -> String {
+    String::from_utf8_lossy(guid).into_owned()
+}
