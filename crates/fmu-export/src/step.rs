@@ -1,12 +1,142 @@
-//! Steps that the host sees into: with event mode, early return or intermediate updates (FMI 3.0.2, section
-//! 4.2).
+//! Steps that the fast path leaves to the instance: whole ones, and those that the host sees into, with event mode,
+//! early return or intermediate updates (FMI 3.0.2, section 4.2).
 
-use dormand_prince::solver::{Advanced, Events};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use dormand_prince::solver::{self, Advanced, Events};
 use fmi_abi::state::State;
 
 use crate::error::ModelError;
-use crate::instance::{Instance, IntermediateUpdate, Status};
+use crate::instance::{End, Instance, IntermediateUpdate, Status};
 use crate::lifecycle::InstanceType;
+
+impl Instance {
+    /// Checks a step. Returns the status of the call if no step is to be taken.
+    pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Status> {
+        let call = &self.shared.settings.edge.do_step;
+        let status = self.call(call, |c| {
+            c.shared.lifecycle.check_step(call.name, time, step, &c.shared.settings.log)
+        });
+        // Some hosts iterate events with steps of 0.
+        (status != Status::Ok || step == 0.0).then_some(status)
+    }
+
+    /// Takes any step.
+    pub(crate) fn step(&mut self, time: f64, step: f64, end: End) -> Status {
+        if !self.shared.lifecycle.is_next_step(time, step)
+            && let Some(status) = self.refuse_step(time, step)
+        {
+            return self.returned(status, end);
+        }
+        let taken = catch_unwind(AssertUnwindSafe(|| {
+            match self.model.info().is_integrated {
+                true => self.integrate(time, step)?,
+                false => self.take_step(time, step)?,
+            }
+            self.end_ramps();
+            Ok(())
+        }));
+        self.end_step(taken, time, step, end)
+    }
+
+    /// Ends a step that the model took. It failed if the model says so or panicked, or if an output is not finite.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn end_step(
+        &mut self,
+        taken: std::thread::Result<Result<(), ModelError>>,
+        time: f64,
+        step: f64,
+        end: End,
+    ) -> Status {
+        let call = &self.shared.settings.edge.do_step;
+        let status = match taken.map(|taken| taken.and_then(|()| self.model.check_outputs())) {
+            Ok(Ok(())) => {
+                self.shared.lifecycle.time = time + step;
+                Status::Ok
+            }
+            Ok(Err(error)) => self.fail(call, error.in_step(time, step)),
+            Err(panic) => self.fail_by_panic(call, panic),
+        };
+        self.returned(status, end)
+    }
+
+    /// Returns from a step, whose end is the current time.
+    fn returned(&self, status: Status, end: End) -> Status {
+        if let Some(end) = end {
+            *end = self.shared.lifecycle.now();
+        }
+        status
+    }
+
+    /// Clears the derivatives of inputs, which are for one step.
+    pub(crate) fn end_ramps(&mut self) {
+        if self.shared.lifecycle.has_input_derivatives {
+            self.model.clear_input_derivatives();
+            self.shared.lifecycle.has_input_derivatives = false;
+        }
+    }
+
+    /// Takes a step, or the samples in it, by the function of the model.
+    pub(crate) fn take_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        if self.model.info().is_sampled {
+            let clock = &mut self.shared.lifecycle.clock;
+            let before = *clock;
+            let due = clock.due(time, step)?;
+            self.take_samples(due, before)?;
+        } else {
+            self.model.behavior_mut().on_step(time, step)?;
+        }
+        self.model.check_outputs()
+    }
+
+    /// Integrates the equations over a step and handles the events in it.
+    pub(crate) fn integrate(&mut self, time: f64, size: f64) -> Result<(), ModelError> {
+        self.integrate_to(time, size, Events::Here).map(drop)
+    }
+
+    /// Integrates the equations over a step, which changes nothing if it fails.
+    #[inline(never)]
+    pub(crate) fn integrate_to(
+        &mut self,
+        time: f64,
+        size: f64,
+        events: Events,
+    ) -> Result<Advanced, ModelError> {
+        let (model, shared) = (&mut self.model, &mut self.shared);
+        let integration = &mut shared.lifecycle.integration;
+        let before = shared.before.get_or_insert_with(|| model.copy());
+        before.assign(model);
+        // In event mode, the host handles the events that its values cause.
+        let switches = match events {
+            Events::Here => model.hash_of_switches(),
+            Events::EndStep | Events::Wait => integration.switches,
+        };
+        let event = (switches != integration.switches).then_some(time);
+        if event.is_some() {
+            model.evaluate_before_event(time);
+        }
+        let step = solver::Step {
+            time,
+            size,
+            tolerance: integration.tolerance,
+            longest: model.info().step.max(1e-3 * size),
+            events,
+            handled: integration.handled,
+            event,
+            restarts: integration.restarts,
+        };
+        let advanced = model.advance(&mut shared.workspace, &step);
+        match &advanced {
+            Ok(Advanced { handled, restarts, .. }) => {
+                (integration.handled, integration.restarts) = (*handled, *restarts);
+                integration.switches = switches;
+            }
+            Err(_) => _ = model.assign(before.as_ref()),
+        }
+        advanced
+    }
+}
 
 /// What a step returns besides its status.
 #[derive(Debug, Clone, Copy)]

@@ -1,0 +1,116 @@
+//! Events: event mode, and the samples and time events that are due.
+
+use fmi_abi::state::State;
+
+use crate::clock::SampleClock;
+use crate::error::{ModelError, Severity};
+use crate::instance::{Instance, Update};
+use crate::lifecycle::{InstanceType, Lifecycle};
+
+/// Maximum number of time events in one communication step of event mode; more would take seconds to handle.
+const MAX_EVENTS: u32 = 10_000_000;
+impl Instance {
+    pub(crate) fn enter_event_mode(&mut self) -> Result<(), ModelError> {
+        if self.shared.lifecycle.state == State::Event {
+            // As OpenModelica does right after the initialization.
+            self.warn_once("event mode is entered in event mode");
+            return Ok(());
+        }
+        let lifecycle = &mut self.shared.lifecycle;
+        // In step mode, nothing is computed for event mode.
+        lifecycle.stale |= lifecycle.state == State::StepMode;
+        self.enter(State::Event);
+        Ok(())
+    }
+
+    pub(crate) fn enter_continuous_time_mode(&mut self) -> Result<(), ModelError> {
+        self.enter(State::ContinuousTime);
+        Ok(())
+    }
+
+    /// Enters step mode with the outputs of event mode.
+    pub(crate) fn enter_step_mode(&mut self) -> Result<(), ModelError> {
+        self.update().map_err(ModelError::not_discarded)?;
+        self.enter(State::StepMode);
+        Ok(())
+    }
+
+    /// Handles what is due in event mode: samples, time events, and what has happened now.
+    pub(crate) fn handle_events(&mut self) -> Result<Update, ModelError> {
+        let Lifecycle { instance_type, time, .. } = self.shared.lifecycle;
+        let (info, before) = (self.model.info(), self.model.states());
+        if self.shared.lifecycle.stale {
+            self.model.evaluate_before_event(time);
+        }
+        self.shared.lifecycle.stale = true;
+        if info.is_sampled {
+            self.take_due_samples(time)?;
+        } else if instance_type == InstanceType::ModelExchange {
+            self.model.behavior_mut().on_event(time)?;
+            self.shared.lifecycle.integration.handled = time;
+        } else {
+            self.handle_past_events(time)?;
+        }
+        let states_changed = self.model.states() != before;
+        self.shared.lifecycle.integration.restarts |= states_changed;
+        Ok(Update { states_changed, next_event: self.next_event() })
+    }
+
+    fn take_due_samples(&mut self, time: f64) -> Result<(), ModelError> {
+        let clock = &mut self.shared.lifecycle.clock;
+        let before = *clock;
+        let due = clock.due_until(time)?;
+        self.take_samples(due, before)?;
+        self.model.check_outputs()
+    }
+
+    /// Takes the last `due` samples that the clock has counted; `before` is the clock without them.
+    pub(crate) fn take_samples(&mut self, due: u32, before: SampleClock) -> Result<(), ModelError> {
+        let clock = &mut self.shared.lifecycle.clock;
+        for remaining in (1..=due).rev() {
+            let instant = clock.instant_before(remaining);
+            if let Err(error) = self.model.behavior_mut().on_step(instant, clock.sample_time()) {
+                if remaining < due {
+                    return Err(error.with_severity(Severity::Broken)); // earlier samples have changed the model
+                }
+                *clock = before;
+                return Err(error);
+            }
+        }
+        Ok(())
+    }
+
+    /// Handles the time events until now, which a step without early return may have passed, and what has
+    /// happened now. The end of a step reaches a time event but for rounding errors.
+    fn handle_past_events(&mut self, now: f64) -> Result<(), ModelError> {
+        let tolerance = 1e-6 * self.model.info().step + 8.0 * f64::EPSILON * now.abs();
+        let (mut is_handled, mut events) = (false, 0);
+        while let Some(event) = self.next_event().filter(|event| *event <= now + tolerance) {
+            events += 1;
+            if events > MAX_EVENTS {
+                let reason = format_args!("more than {MAX_EVENTS} events are due");
+                return Err(ModelError::new(reason));
+            }
+            self.model.behavior_mut().on_event(event)?;
+            self.shared.lifecycle.integration.handled = event;
+            is_handled = event >= now - tolerance;
+        }
+        if !is_handled {
+            self.model.behavior_mut().on_event(now)?;
+        }
+        let handled = &mut self.shared.lifecycle.integration.handled;
+        *handled = handled.max(now);
+        Ok(())
+    }
+
+    /// The time of the next event that is not handled, if it is known.
+    pub(crate) fn next_event(&self) -> Option<f64> {
+        let lifecycle = &self.shared.lifecycle;
+        if self.model.info().is_sampled {
+            return Some(lifecycle.clock.next_instant());
+        }
+        let handled = lifecycle.integration.handled;
+        let event = self.model.behavior().on_next_event(handled);
+        event.filter(|event| *event > handled && event.is_finite())
+    }
+}
