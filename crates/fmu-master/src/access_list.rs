@@ -1,4 +1,7 @@
-//! Lists of scalars of one type that are got or set by one call.
+//! Lists of scalars of one type, which one call gets or sets.
+//!
+//! FMI gets and sets an array as a whole. A list with the elements `m[1]` and `m[3]` of an array of three and a scalar
+//! `k` has two value references, four elements, and the positions 0, 2 and 3.
 
 use std::collections::HashMap;
 
@@ -9,39 +12,34 @@ use fmu_worker::Function;
 use crate::Fmu;
 
 /// The function that gets or sets variables of a type.
-pub(crate) fn accessor(verb: &str, version: FmiVersion, kind: Type) -> Option<Function> {
-    Function::performing(version, &operation(verb, kind))
+pub(crate) fn accessor(verb: &str, version: FmiVersion, access_type: Type) -> Option<Function> {
+    Function::performing(version, &operation(verb, access_type))
 }
 
-/// Scalars, and the variables with which they are got or set.
+/// Scalars of one type, and the value references with which they are got or set.
 #[derive(Default)]
 pub(crate) struct AccessList {
     /// The value references; an array has one for all its elements.
     pub(crate) references: Vec<u32>,
-    /// Their indices in the FMU.
+    /// The indices of the scalars in the FMU.
     pub(crate) scalars: Vec<usize>,
     /// The number of elements of all variables together.
     pub(crate) elements: usize,
-    /// The positions of the scalars among these.
+    /// The position of each scalar among the elements.
     pub(crate) positions: Vec<usize>,
-    /// Whether they are all elements, in their order.
-    pub(crate) are_all: bool,
-    /// Whether they are not the first elements, in their order.
-    are_mixed: bool,
-    /// The first element of each array.
+    /// Whether the scalars are all elements, in their order.
+    pub(crate) is_complete: bool,
+    /// Whether the scalars are not the first elements, in their order.
+    is_mixed: bool,
+    /// The position of the first element of each array, by value reference.
     arrays: HashMap<u32, usize>,
 }
 
 impl AccessList {
-    /// The variables and the place of their elements in a list.
-    pub(crate) fn listed(&self, first: usize) -> Listed {
-        Listed::new(&self.references, first..first + self.elements)
-    }
-
-    pub(crate) fn of(fmu: &Fmu, scalars: impl IntoIterator<Item = usize>) -> Self {
-        let mut wired = Self::default();
-        scalars.into_iter().for_each(|scalar| wired.push(fmu, scalar));
-        wired
+    pub(crate) fn new(fmu: &Fmu, scalars: impl IntoIterator<Item = usize>) -> Self {
+        let mut list = Self::default();
+        scalars.into_iter().for_each(|scalar| list.push(fmu, scalar));
+        list
     }
 
     pub(crate) fn push(&mut self, fmu: &Fmu, scalar: usize) {
@@ -59,9 +57,14 @@ impl AccessList {
             self.elements - count
         });
         let position = first + fmu.scalars[scalar].element;
-        self.are_mixed |= position != self.positions.len();
+        self.is_mixed |= position != self.positions.len();
         self.scalars.push(scalar);
         self.positions.push(position);
-        self.are_all = !self.are_mixed && self.positions.len() == self.elements;
+        self.is_complete = !self.is_mixed && self.positions.len() == self.elements;
+    }
+
+    /// The variables, whose elements are in a slice from this place on.
+    pub(crate) fn from_place(&self, first: usize) -> Listed {
+        Listed::new(&self.references, first..first + self.elements)
     }
 }

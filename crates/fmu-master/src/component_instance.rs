@@ -1,4 +1,5 @@
-//! A running FMU: its calls, and the transfer of values from outputs to inputs.
+//! A component in one run: the calls of its FMU, and the transfer of values between its variables and the store. Runs in
+//! the worker process.
 
 use std::fmt::Display;
 use std::sync::Arc;
@@ -10,17 +11,18 @@ use fmu_worker::Function;
 
 use crate::access_list::{AccessList, accessor};
 use crate::components::LoadedComponent;
-use crate::input::TableInputs;
-use crate::integrator::{self, Integrator, RecordedInstance, StepError};
+use crate::integrator::Integrator;
+use crate::recorded_instance::{RecordedInstance, StepError, functions};
 use crate::start::StartValues;
 use crate::store::{Store, Transfer, number};
+use crate::table_inputs::TableInputs;
 use crate::wiring::{FeedingOutputs, VariableGroup};
 use crate::{FailedCall, Fmu, Messages, RunError};
 
 /// The outcome of a call.
 pub(crate) type Called<T = ()> = Result<T, Box<RunError>>;
 
-/// A component and what is transferred from and to it.
+/// A component in one run. The groups of its variables are described in [`wiring`](crate::wiring).
 pub(crate) struct ComponentInstance<'a> {
     /// Must be dropped before the FMU, which removes its files.
     pub(crate) recorded: RecordedInstance,
@@ -28,51 +30,51 @@ pub(crate) struct ComponentInstance<'a> {
     /// Present once a component of model exchange is initialized.
     pub(crate) integrator: Option<Box<Integrator<'a>>>,
     do_step: Option<Function>,
-    /// What sets its Float64 inputs, and what gets its Float64 outputs unless their values must be distributed.
+    /// The function that sets its Float64 inputs, and the one that gets its direct outputs.
     set: Option<Function>,
     get: Option<Function>,
-    /// The outputs whose values must be distributed.
+    /// The groups whose outputs are not got directly into the store.
     distributed: &'a [VariableGroup],
-    /// The Float64 inputs whose values are collected in `reals`, with the outputs that feed them.
+    /// The Float64 inputs whose values are copied from the store to `reals`.
     copied: &'a [Transfer],
-    ports: &'a [VariableGroup],
-    /// The values of its inputs of the type Float64, and of each other type; those of elements that are not
-    /// connected stay.
+    groups: &'a [VariableGroup],
+    /// The values of its inputs of the type Float64, and of each other type; elements that are not connected keep
+    /// their start values.
     reals: Vec<f64>,
     others: Vec<Vec<Value>>,
 }
 
 impl<'a> ComponentInstance<'a> {
-    /// Instantiates a component; `starts` are the start values that the user has given, by the indices of
-    /// the scalars.
+    /// Instantiates a component; elements of inputs that are not connected have these start values.
     pub(crate) fn new(
         index: usize,
-        planned: &LoadedComponent,
-        ports: &'a [VariableGroup],
+        component: &LoadedComponent,
+        groups: &'a [VariableGroup],
         starts: &StartValues<'_>,
         messages: &Messages,
     ) -> Result<Self> {
-        let LoadedComponent { name, fmu, .. } = planned;
-        let mut inputs = ports.iter().map(|ports| starts.initial(&ports.inputs, fmu));
+        let LoadedComponent { name, fmu, .. } = component;
+        let mut inputs = groups.iter().map(|group| starts.initial(&group.inputs, fmu));
         let reals = inputs.next().unwrap_or_default();
         let mut instance = fmu.instantiate(index, name, messages)?;
-        // An FMU that is stepped by hand has none.
-        let floats = ports.first();
-        if let Some(VariableGroup { inputs, run, whole, .. }) = floats {
-            let set_at_steps = run.clone().unwrap_or_else(|| inputs.listed(0));
-            let get_at_steps = whole.clone().unwrap_or_else(|| Listed::new(&[], 0..0));
+        // An FMU that is stepped by hand has no groups.
+        let floats = groups.first();
+        if let Some(VariableGroup { inputs, direct_inputs, direct_outputs, .. }) = floats {
+            let set_at_steps = direct_inputs.clone().unwrap_or_else(|| inputs.from_place(0));
+            let get_at_steps = direct_outputs.clone().unwrap_or_else(|| Listed::new(&[], 0..0));
             instance.access_at_steps(set_at_steps, get_at_steps);
         }
-        let has_whole = floats.is_some_and(|ports| ports.whole.is_some());
+        let are_outputs_direct = floats.is_some_and(|group| group.direct_outputs.is_some());
+        let copied = floats.filter(|group| group.direct_inputs.is_none());
         Ok(Self {
-            set: floats.and_then(|p| p.set.filter(|_| !p.inputs.references.is_empty())),
-            get: floats.and_then(|p| p.get.filter(|_| has_whole)),
-            distributed: &ports[usize::from(has_whole)..],
-            copied: floats.filter(|p| p.run.is_none()).map_or(&[], |p| &*p.copied),
+            set: floats.and_then(|g| g.set.filter(|_| !g.inputs.references.is_empty())),
+            get: floats.and_then(|g| g.get.filter(|_| are_outputs_direct)),
+            distributed: &groups[usize::from(are_outputs_direct)..],
+            copied: copied.map_or(&[], |group| &*group.copied_inputs),
             recorded: RecordedInstance {
                 instance,
                 calls: messages.record().calls(index),
-                functions: integrator::functions(fmu.version),
+                functions: functions(fmu.version),
                 messages: messages.clone(),
                 name: name.clone(),
                 version: fmu.version,
@@ -82,7 +84,7 @@ impl<'a> ComponentInstance<'a> {
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
             fmu: fmu.clone(),
-            ports,
+            groups,
         })
     }
 
@@ -98,7 +100,8 @@ impl<'a> ComponentInstance<'a> {
         self.check(outcome, || what.to_string())
     }
 
-    /// Sets up the experiment from the start to the stop time (s), and sets start values.
+    /// Sets up the experiment from the start to the stop time (s), and sets the start values: first those of structural
+    /// parameters.
     pub(crate) fn set_up(
         &mut self,
         (start, stop): (f64, Option<f64>),
@@ -117,14 +120,14 @@ impl<'a> ComponentInstance<'a> {
                 "start of the configuration",
                 Instance::enter_configuration_mode,
             )?;
-            self.start(starts, is_size)?;
+            self.set_starts(starts, is_size)?;
             self.call(
                 "exit_configuration_mode",
                 "end of the configuration",
                 Instance::exit_configuration_mode,
             )?;
         }
-        self.start(starts, |scalar| !is_size(scalar))
+        self.set_starts(starts, |scalar| !is_size(scalar))
     }
 
     pub(crate) fn enter_initialization(&mut self) -> Called {
@@ -195,7 +198,7 @@ impl<'a> ComponentInstance<'a> {
         }
     }
 
-    /// Writes its inputs, takes a step and reads its outputs, of a plain system.
+    /// Sets its inputs, takes a step and gets its outputs, in a plain system.
     #[inline(always)]
     pub(crate) fn cycle(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called {
         match self.copied.is_empty() {
@@ -210,7 +213,7 @@ impl<'a> ComponentInstance<'a> {
         self.cycle_from::<true>(outputs, time, step)
     }
 
-    /// [`ComponentInstance::cycle`] with inputs that are `COPIED`, or follow each other among the outputs that feed them.
+    /// [`ComponentInstance::cycle`] with inputs that are `COPIED`, or set directly from the store.
     #[inline(always)]
     fn cycle_from<const COPIED: bool>(
         &mut self,
@@ -228,7 +231,7 @@ impl<'a> ComponentInstance<'a> {
         }
     }
 
-    /// Makes the rest of the calls of a cycle after some, of which the last one has this outcome.
+    /// Makes the rest of the calls of a cycle after `done` calls, of which the last one has this outcome.
     #[cold]
     #[inline(never)]
     fn end_cycle(
@@ -243,7 +246,7 @@ impl<'a> ComponentInstance<'a> {
             (_, None) => {}
             (1, Some(outcome)) => self.check_writing_reals(*outcome, outputs)?,
             (2, Some(outcome)) => self.check_step(*outcome, time, step)?,
-            (_, Some(outcome)) => self.check_reading(*outcome, &self.ports[0].outputs)?,
+            (_, Some(outcome)) => self.check_reading(*outcome, &self.groups[0].outputs)?,
         }
         if done < 1 {
             self.write::<true>(outputs)?;
@@ -260,14 +263,14 @@ impl<'a> ComponentInstance<'a> {
     /// Begins the integration after the initialization, if it is a component of model exchange.
     pub(crate) fn begin(
         &mut self,
-        signals: Option<TableInputs<'a>>,
+        inputs: Option<TableInputs<'a>>,
         tolerance: Option<f64>,
         times: (f64, f64),
     ) -> Called {
         if self.fmu.interface_type == InterfaceType::ModelExchange {
-            let (fmu, ports) = (self.fmu.clone(), self.ports);
+            let (fmu, groups) = (self.fmu.clone(), self.groups);
             let begun =
-                Integrator::begin(&mut self.recorded, &fmu, ports, signals, tolerance, times);
+                Integrator::begin(&mut self.recorded, &fmu, groups, inputs, tolerance, times);
             let begun = begun.map_err(|error| self.to_error(error, "first event".to_owned()))?;
             self.integrator = Some(Box::new(begun));
         }
@@ -305,22 +308,22 @@ impl<'a> ComponentInstance<'a> {
         })
     }
 
-    /// Reads its outputs, each once; if the system is `PLAIN`, all are Float64 and need not be distributed.
+    /// Gets its outputs into the store, each once; in a `PLAIN` system, all are direct.
     #[inline(always)]
     pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> Called {
         self.recorded.calls.continue_call(self.get);
         if let Some(outcome) = self.recorded.instance.get_at_step(&mut outputs.reals) {
-            self.check_reading(*outcome, &self.ports[0].outputs)?;
+            self.check_reading(*outcome, &self.groups[0].outputs)?;
         }
         if PLAIN { Ok(()) } else { self.read_others(outputs) }
     }
 
     #[inline(never)]
     fn read_others(&mut self, outputs: &mut Store) -> Called {
-        for ports in self.distributed {
-            let values = self.get(ports.kind, ports.get, &ports.outputs)?;
+        for group in self.distributed {
+            let values = self.get(group.access_type, group.get, &group.outputs)?;
             for (index, value) in values.into_iter().enumerate() {
-                outputs.set(ports.first.plus(index), value);
+                outputs.set(group.first_output.plus(index), value);
             }
         }
         Ok(())
@@ -329,7 +332,7 @@ impl<'a> ComponentInstance<'a> {
     /// Gets scalars of one type, which may be some elements of arrays.
     pub(crate) fn get(
         &mut self,
-        kind: Type,
+        access_type: Type,
         get: Option<Function>,
         scalars: &AccessList,
     ) -> Called<Vec<Value>> {
@@ -338,11 +341,12 @@ impl<'a> ComponentInstance<'a> {
         }
         let mut all = vec![Value::Boolean(false); scalars.elements];
         self.recorded.calls.begin(get);
-        let outcome = (self.recorded.instance).get_values(kind, &scalars.references, &mut all);
+        let outcome =
+            (self.recorded.instance).get_values(access_type, &scalars.references, &mut all);
         if outcome != Ok(Success::Ok) {
             self.check_reading(outcome, scalars)?;
         }
-        if scalars.are_all {
+        if scalars.is_complete {
             return Ok(all);
         }
         // An element may feed several inputs.
@@ -356,11 +360,11 @@ impl<'a> ComponentInstance<'a> {
         self.check(outcome, || what)
     }
 
-    /// Writes its inputs; if the system is `PLAIN`, all are values of Float64 outputs.
+    /// Sets its inputs from the store; in a `PLAIN` system, all are direct or copied.
     #[inline(always)]
     pub(crate) fn write<const PLAIN: bool>(&mut self, outputs: &Store) -> Called {
         let mut values = &outputs.reals;
-        if !PLAIN && self.ports[0].run.is_none() {
+        if !PLAIN && self.groups[0].direct_inputs.is_none() {
             self.collect(outputs);
             values = &self.reals;
         } else if !self.copied.is_empty() {
@@ -376,13 +380,13 @@ impl<'a> ComponentInstance<'a> {
         if PLAIN { Ok(()) } else { self.write_others(outputs) }
     }
 
-    /// Writes its inputs during the initialization, in which it is called again and again.
+    /// Sets its inputs during the initialization, in which it is called again and again.
     pub(crate) fn write_initially(&mut self, outputs: &Store) -> Called {
         self.recorded.calls.begin(None);
         self.write::<false>(outputs)
     }
 
-    /// Copies the values of its Float64 inputs.
+    /// Copies the values of its Float64 inputs as they are.
     #[inline(always)]
     fn copy(&mut self, outputs: &Store) {
         for &Transfer { from, to } in self.copied {
@@ -390,32 +394,34 @@ impl<'a> ComponentInstance<'a> {
         }
     }
 
-    /// Collects the values of its Float64 inputs.
+    /// Collects the values of its Float64 inputs, with conversions.
     #[inline(never)]
     fn collect(&mut self, outputs: &Store) {
-        let VariableGroup { inputs, sources, .. } = &self.ports[0];
+        let VariableGroup { inputs, sources, .. } = &self.groups[0];
         for (position, source) in inputs.positions.iter().zip(sources) {
-            let output = outputs.number(source.output);
-            let conversion = source.conversion.map(|s| s.factor * output + s.offset);
-            self.reals[*position] = conversion.unwrap_or(output);
+            let value = outputs.number(source.place);
+            let converted = source.conversion.map(|conversion| conversion.apply(value));
+            self.reals[*position] = converted.unwrap_or(value);
         }
     }
 
     #[inline(never)]
     fn write_others(&mut self, outputs: &Store) -> Called {
-        for (index, ports) in self.ports[1..].iter().enumerate() {
-            let inputs = &ports.inputs;
+        for (index, group) in self.groups[1..].iter().enumerate() {
+            let inputs = &group.inputs;
             if inputs.references.is_empty() {
                 continue;
             }
             let mut values = std::mem::take(&mut self.others[index]);
-            for (position, source) in inputs.positions.iter().zip(&ports.sources) {
-                let scaled = source
-                    .conversion
-                    .map(|s| Value::Float64(s.factor * outputs.number(source.output) + s.offset));
-                values[*position] = scaled.unwrap_or_else(|| outputs.value(source.output));
+            for (position, source) in inputs.positions.iter().zip(&group.sources) {
+                values[*position] = match source.conversion {
+                    Some(conversion) => {
+                        Value::Float64(conversion.apply(outputs.number(source.place)))
+                    }
+                    None => outputs.value(source.place),
+                };
             }
-            self.set(ports.kind, ports.set, inputs, &values)?;
+            self.set(group.access_type, group.set, inputs, &values)?;
             self.others[index] = values;
         }
         Ok(())
@@ -424,13 +430,13 @@ impl<'a> ComponentInstance<'a> {
     /// Sets variables of one type, with the values of all elements.
     pub(crate) fn set(
         &mut self,
-        kind: Type,
+        access_type: Type,
         set: Option<Function>,
         scalars: &AccessList,
         values: &[Value],
     ) -> Called {
         self.recorded.calls.begin(set);
-        let outcome = self.recorded.instance.set_values(kind, &scalars.references, values);
+        let outcome = self.recorded.instance.set_values(access_type, &scalars.references, values);
         match outcome {
             Ok(Success::Ok) => Ok(()),
             _ => self.check_writing(outcome, scalars, values),
@@ -439,12 +445,12 @@ impl<'a> ComponentInstance<'a> {
 
     #[cold]
     fn check_writing_reals(&mut self, outcome: fmu_host::Result, outputs: &Store) -> Called {
-        let values = match &self.ports[0].run {
-            Some(run) => &outputs.reals[run.place()],
+        let values = match &self.groups[0].direct_inputs {
+            Some(direct) => &outputs.reals[direct.place()],
             None => &*self.reals,
         };
         let values = Vec::from_iter(values.iter().map(|value| Value::Float64(*value)));
-        self.check_writing(outcome, &self.ports[0].inputs, &values)
+        self.check_writing(outcome, &self.groups[0].inputs, &values)
     }
 
     #[cold]
@@ -466,20 +472,23 @@ impl<'a> ComponentInstance<'a> {
         self.check(outcome, || what)
     }
 
-    /// Sets the start values that are wanted; those of an array together, with those that the model description
-    /// has for the others.
-    fn start(&mut self, starts: &StartValues<'_>, is_wanted: impl Fn(&usize) -> bool) -> Called {
+    /// Sets the start values of the scalars that are wanted, those of an array by one call.
+    fn set_starts(
+        &mut self,
+        starts: &StartValues<'_>,
+        is_wanted: impl Fn(&usize) -> bool,
+    ) -> Called {
         let fmu = self.fmu.clone();
         let given = Vec::from_iter(starts.scalars().filter(is_wanted));
         for same in given.chunk_by(|a, b| fmu.array(*a) == fmu.array(*b)) {
-            let (kind, wired) =
-                (fmu.access_type(same[0]), AccessList::of(&fmu, same.iter().copied()));
-            let values = starts.initial(&wired, &fmu);
-            let set = match self.ports.iter().find(|ports| ports.kind == kind) {
-                Some(ports) => ports.set,
-                None => accessor("set", fmu.version, kind),
+            let access_type = fmu.access_type(same[0]);
+            let list = AccessList::new(&fmu, same.iter().copied());
+            let values = starts.initial(&list, &fmu);
+            let set = match self.groups.iter().find(|group| group.access_type == access_type) {
+                Some(group) => group.set,
+                None => accessor("set", fmu.version, access_type),
             };
-            self.set(kind, set, &wired, &values)?;
+            self.set(access_type, set, &list, &values)?;
         }
         Ok(())
     }
@@ -492,17 +501,17 @@ impl Drop for ComponentInstance<'_> {
     }
 }
 
-/// Reads the outputs that feed a component, and only these, as not every recorded variable can be read
+/// Gets the outputs that feed a component into the store, and only these, as not every recorded variable can be read
 /// during the initialization.
-pub(crate) fn receive(
+pub(crate) fn get_feeding_outputs(
     components: &mut [ComponentInstance<'_>],
-    feeds: &[FeedingOutputs],
+    feeding: &[FeedingOutputs],
     outputs: &mut Store,
 ) -> Called<Vec<Value>> {
     let mut all = Vec::new();
-    for feed in feeds {
-        let values = components[feed.component].get(feed.kind, feed.get, &feed.outputs)?;
-        for (place, value) in feed.places.iter().zip(&values) {
+    for FeedingOutputs { component, access_type, get, outputs: list, places } in feeding {
+        let values = components[*component].get(*access_type, *get, list)?;
+        for (place, value) in places.iter().zip(&values) {
             outputs.set(*place, value.clone());
         }
         all.extend(values);

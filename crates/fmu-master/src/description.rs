@@ -128,6 +128,14 @@ pub struct Conversion {
     pub offset: f64,
 }
 
+impl Conversion {
+    /// The input for a value of the output.
+    #[inline(always)]
+    pub(crate) fn apply(self, value: f64) -> f64 {
+        self.factor * value + self.offset
+    }
+}
+
 /// A connection as the user writes it.
 #[derive(Deserialize)]
 #[serde(

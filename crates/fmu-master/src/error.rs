@@ -7,8 +7,8 @@ use anyhow::Error;
 use fmu_worker::{Record, Worker};
 use serde::{Deserialize, Serialize};
 
-use crate::integrator::OPERATIONS;
 use crate::messages::Message;
+use crate::recorded_instance::OPERATIONS;
 
 /// Why a run has failed or, if `ended` is given, why an FMU has ended it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

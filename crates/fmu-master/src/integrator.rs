@@ -5,18 +5,14 @@
 //! continuous enters event mode at each communication point, where such inputs may be set. An event at the end of a
 //! step waits for the inputs of that communication point, if they come from other components.
 
-use std::fmt::Arguments;
-use std::sync::LazyLock;
-
 use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
 use fmu_description::{FmiVersion, Variability};
-use fmu_host::{Cause, Instance, Status, Success};
-use fmu_worker::{Calls, Function};
+use fmu_host::Instance;
 
-use crate::access_list::accessor;
-use crate::input::TableInputs;
+use crate::Fmu;
+use crate::recorded_instance::{Operation, RecordedInstance, Result, StepError};
+use crate::table_inputs::TableInputs;
 use crate::wiring::VariableGroup;
-use crate::{Fmu, Messages};
 
 /// Maximum number of times that discrete states are updated in one event.
 const MAX_UPDATES: u32 = 1000;
@@ -33,7 +29,7 @@ pub(crate) struct Integrator<'a> {
     nominals: Vec<f64>,
     derivatives: Vec<f64>,
     indicators: Vec<f64>,
-    signals: Option<TableInputs<'a>>,
+    inputs: Option<TableInputs<'a>>,
     /// Whether an input comes from another component, and whether one is not continuous.
     is_fed: bool,
     is_discrete: bool,
@@ -47,144 +43,13 @@ pub(crate) struct Integrator<'a> {
     restarts: bool,
 }
 
-/// The instance of a component, whose calls are recorded.
-pub(crate) struct RecordedInstance {
-    pub(crate) instance: Instance,
-    pub(crate) calls: Calls,
-    pub(crate) functions: &'static Functions,
-    pub(crate) messages: Messages,
-    pub(crate) name: String,
-    pub(crate) version: FmiVersion,
-}
-
-/// Defines what is called, and the names of the functions.
-macro_rules! operations {
-    ($($operation:ident: $name:literal,)*) => {
-        /// What is called.
-        #[derive(Clone, Copy)]
-        enum Operation { $($operation,)* }
-
-        /// The names of the functions that perform each [`Operation`], in the same order.
-        pub(crate) const OPERATIONS: [&str; [$($name),*].len()] = [$($name),*];
-    };
-}
-operations! {
-    NumberOfStates: "get_number_of_continuous_states",
-    NumberOfIndicators: "get_number_of_event_indicators",
-    Nominals: "get_nominals_of_continuous_states",
-    SetTime: "set_time",
-    SetStates: "set_continuous_states",
-    States: "get_continuous_states",
-    Derivatives: "get_continuous_state_derivatives",
-    Indicators: "get_event_indicators",
-    Completed: "completed_integrator_step",
-    EventMode: "enter_event_mode",
-    Update: "update_discrete_states",
-    ContinuousMode: "enter_continuous_time_mode",
-}
-
-/// The functions of a version that perform each [`Operation`].
-pub(crate) type Functions = [Option<Function>; OPERATIONS.len()];
-
-/// The functions of a version, which are looked up once, as a sweep instantiates FMUs again and again.
-pub(crate) fn functions(version: FmiVersion) -> &'static Functions {
-    static ALL: LazyLock<[Functions; 2]> = LazyLock::new(|| {
-        [FmiVersion::Fmi2, FmiVersion::Fmi3]
-            .map(|version| OPERATIONS.map(|operation| Function::performing(version, operation)))
-    });
-    match version {
-        FmiVersion::Fmi2 => &ALL[0],
-        FmiVersion::Fmi3 => &ALL[1],
-    }
-}
-
-/// Why an integration has stopped.
-#[derive(Debug)]
-pub(crate) enum StepError {
-    /// A call has failed; the text tells where.
-    Call(fmu_host::Failure, String),
-    /// The equations cannot be integrated, though shorter steps may succeed if they are discarded.
-    Equations { reason: String, is_discarded: bool },
-}
-
-impl solver::Failure for StepError {
-    fn discard(reason: Arguments<'_>) -> Self {
-        Self::Equations { reason: reason.to_string(), is_discarded: true }
-    }
-
-    fn is_discarded(&self) -> bool {
-        match self {
-            Self::Call(failure, _) => failure.cause == Cause::Returned(Status::Discard),
-            Self::Equations { is_discarded, .. } => *is_discarded,
-        }
-    }
-
-    fn with_prefix(self, prefix: Arguments<'_>) -> Self {
-        match self {
-            Self::Call(failure, place) => Self::Call(failure, format!("{prefix}{place}")),
-            Self::Equations { reason, is_discarded } => {
-                Self::Equations { reason: format!("{prefix}: {reason}"), is_discarded }
-            }
-        }
-    }
-}
-
-type Result<T = ()> = std::result::Result<T, StepError>;
-
-impl RecordedInstance {
-    /// Calls the function that performs an operation.
-    fn call<T>(
-        &mut self,
-        operation: Operation,
-        call: impl FnOnce(&mut Instance) -> fmu_host::Result<T>,
-    ) -> Result<T> {
-        self.calls.begin(self.functions[operation as usize]);
-        call(&mut self.instance).map_err(|failure| StepError::Call(failure, String::new()))
-    }
-
-    /// As [`RecordedInstance::call`], of a function that may return a warning.
-    fn warned(
-        &mut self,
-        operation: Operation,
-        call: impl FnOnce(&mut Instance) -> fmu_host::Result,
-    ) -> Result {
-        let success = self.call(operation, call)?;
-        self.warn(success);
-        Ok(())
-    }
-
-    fn warn(&self, success: Success) {
-        if let Success::Warning(function) = success {
-            self.messages.warn(&self.name, function);
-        }
-    }
-
-    /// Sets inputs of a table, before or after an event.
-    fn feed(&mut self, signals: &TableInputs<'_>, time: f64, after: bool) -> Result {
-        for (kind, reference, values) in signals.values(time, after) {
-            self.calls.begin(accessor("set", self.version, kind));
-            let set = self.instance.set_values(kind, &[reference], &values);
-            self.warn(set.map_err(|failure| StepError::Call(failure, String::new()))?);
-        }
-        Ok(())
-    }
-
-    /// The FMU has asked to end the simulation.
-    fn terminated(&self, operation: Operation, time: f64) -> StepError {
-        let function = self.functions[operation as usize].and_then(Function::name);
-        let function = function.unwrap_or_default();
-        let cause = Cause::Terminated(time);
-        StepError::Call(fmu_host::Failure { function, cause }, String::new())
-    }
-}
-
 impl<'a> Integrator<'a> {
     /// Begins after the initialization, in event mode.
     pub(crate) fn begin(
         recorded: &mut RecordedInstance,
         fmu: &Fmu,
-        ports: &[VariableGroup],
-        signals: Option<TableInputs<'a>>,
+        groups: &[VariableGroup],
+        inputs: Option<TableInputs<'a>>,
         tolerance: Option<f64>,
         (start, step): (f64, f64),
     ) -> Result<Self> {
@@ -192,16 +57,16 @@ impl<'a> Integrator<'a> {
             FmiVersion::Fmi2 => fmu.equations,
             FmiVersion::Fmi3 => {
                 let [mut states, mut indicators] = [0; 2];
-                recorded.warned(Operation::NumberOfStates, |instance| {
+                recorded.call_with_warning(Operation::NumberOfStates, |instance| {
                     instance.get_number_of_continuous_states(&mut states)
                 })?;
-                recorded.warned(Operation::NumberOfIndicators, |instance| {
+                recorded.call_with_warning(Operation::NumberOfIndicators, |instance| {
                     instance.get_number_of_event_indicators(&mut indicators)
                 })?;
                 [states, indicators]
             }
         };
-        let inputs = || ports.iter().flat_map(|ports| ports.inputs.scalars.iter());
+        let mut scalars = groups.iter().flat_map(|group| group.inputs.scalars.iter());
         let is_discrete =
             |scalar: &usize| fmu.variable(*scalar).variability != Variability::Continuous;
         let mut integrator = Self {
@@ -211,9 +76,9 @@ impl<'a> Integrator<'a> {
             nominals: vec![1.0; states],
             derivatives: vec![0.0; states],
             indicators: vec![0.0; indicators],
-            signals,
-            is_fed: ports.iter().any(|p| p.sources.iter().any(|s| s.component.is_some())),
-            is_discrete: inputs().any(is_discrete),
+            inputs,
+            is_fed: groups.iter().any(|g| g.sources.iter().any(|s| s.component.is_some())),
+            is_discrete: scalars.any(is_discrete),
             is_in_event_mode: true,
             next: None,
             handled: start,
@@ -222,8 +87,8 @@ impl<'a> Integrator<'a> {
         };
         integrator.update(recorded, start)?;
         integrator.read_nominals(recorded)?;
-        integrator.signals.iter_mut().for_each(|signals| signals.begin(start));
-        Equations { recorded, integrator: &mut integrator }.evaluate_here(start)?;
+        integrator.inputs.iter_mut().for_each(|inputs| inputs.begin(start));
+        ComponentEquations { recorded, integrator: &mut integrator }.evaluate_here(start)?;
         if integrator.is_discrete {
             integrator.enter_event_mode(recorded)?;
         }
@@ -232,7 +97,7 @@ impl<'a> Integrator<'a> {
 
     fn enter_event_mode(&mut self, recorded: &mut RecordedInstance) -> Result {
         if !self.is_in_event_mode {
-            recorded.warned(Operation::EventMode, Instance::enter_event_mode)?;
+            recorded.call_with_warning(Operation::EventMode, Instance::enter_event_mode)?;
             self.is_in_event_mode = true;
         }
         Ok(())
@@ -246,9 +111,9 @@ impl<'a> Integrator<'a> {
         set: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Result {
         self.enter_event_mode(recorded)?;
-        recorded.warned(Operation::Update, set)?;
+        recorded.call_with_warning(Operation::Update, set)?;
         self.update(recorded, time)?;
-        Equations { recorded, integrator: self }.evaluate_here(time)
+        ComponentEquations { recorded, integrator: self }.evaluate_here(time)
     }
 
     /// Handles an event in event mode.
@@ -263,7 +128,7 @@ impl<'a> Integrator<'a> {
             nominals_changed |= update.nominals_changed;
             if !update.again {
                 let operation = Operation::ContinuousMode;
-                recorded.warned(operation, Instance::enter_continuous_time_mode)?;
+                recorded.call_with_warning(operation, Instance::enter_continuous_time_mode)?;
                 self.is_in_event_mode = false;
                 self.next = update.next_event;
                 self.handled = time;
@@ -278,7 +143,7 @@ impl<'a> Integrator<'a> {
     fn read_nominals(&mut self, recorded: &mut RecordedInstance) -> Result {
         let nominals = &mut self.nominals;
         if !nominals.is_empty() {
-            recorded.warned(Operation::Nominals, |instance| {
+            recorded.call_with_warning(Operation::Nominals, |instance| {
                 instance.get_nominals_of_continuous_states(nominals)
             })?;
         }
@@ -297,7 +162,7 @@ impl<'a> Integrator<'a> {
         let rounding = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
-        self.signals.iter_mut().for_each(|signals| signals.begin(time));
+        self.inputs.iter_mut().for_each(|inputs| inputs.begin(time));
         let due = self.next.filter(|_| is_due).map(|next| next.max(time));
         let step = Step {
             time,
@@ -310,8 +175,11 @@ impl<'a> Integrator<'a> {
             restarts: self.restarts,
         };
         let mut workspace = std::mem::take(&mut self.workspace);
-        let advanced =
-            solver::advance(&mut Equations { recorded, integrator: self }, &mut workspace, &step);
+        let advanced = solver::advance(
+            &mut ComponentEquations { recorded, integrator: self },
+            &mut workspace,
+            &step,
+        );
         self.workspace = workspace;
         let Advanced { restarts, .. } = advanced?;
         self.restarts = restarts;
@@ -323,12 +191,12 @@ impl<'a> Integrator<'a> {
 }
 
 /// The equations of a component, as the solver sees them.
-struct Equations<'a, 'b> {
+struct ComponentEquations<'a, 'b> {
     recorded: &'a mut RecordedInstance,
     integrator: &'a mut Integrator<'b>,
 }
 
-impl Equations<'_, '_> {
+impl ComponentEquations<'_, '_> {
     /// Evaluates the equations for the states that the FMU has.
     fn evaluate_here(&mut self, time: f64) -> Result {
         let mut states = vec![0.0; self.integrator.nominals.len()];
@@ -340,13 +208,14 @@ impl Equations<'_, '_> {
     fn states_of(&mut self, states: &mut [f64]) -> Result {
         match states.is_empty() {
             true => Ok(()),
-            false => (self.recorded)
-                .warned(Operation::States, |instance| instance.get_continuous_states(states)),
+            false => (self.recorded).call_with_warning(Operation::States, |instance| {
+                instance.get_continuous_states(states)
+            }),
         }
     }
 }
 
-impl System for Equations<'_, '_> {
+impl System for ComponentEquations<'_, '_> {
     type Error = StepError;
 
     fn nominal(&self, state: usize) -> f64 {
@@ -360,20 +229,21 @@ impl System for Equations<'_, '_> {
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool> {
         // The time of an event differs by rounding from that of the step in which it is.
         let time = time.max(self.integrator.handled);
-        let Integrator { derivatives, indicators, signals, .. } = &mut *self.integrator;
-        self.recorded.warned(Operation::SetTime, |instance| instance.set_time(time))?;
-        if let Some(signals) = signals {
-            self.recorded.feed(signals, time, false)?;
+        let Integrator { derivatives, indicators, inputs, .. } = &mut *self.integrator;
+        self.recorded.call_with_warning(Operation::SetTime, |instance| instance.set_time(time))?;
+        if let Some(inputs) = inputs {
+            self.recorded.set_inputs(inputs, time, false)?;
         }
         if !states.is_empty() {
-            self.recorded
-                .warned(Operation::SetStates, |instance| instance.set_continuous_states(states))?;
-            self.recorded.warned(Operation::Derivatives, |instance| {
+            self.recorded.call_with_warning(Operation::SetStates, |instance| {
+                instance.set_continuous_states(states)
+            })?;
+            self.recorded.call_with_warning(Operation::Derivatives, |instance| {
                 instance.get_continuous_state_derivatives(derivatives)
             })?;
         }
         if !indicators.is_empty() {
-            self.recorded.warned(Operation::Indicators, |instance| {
+            self.recorded.call_with_warning(Operation::Indicators, |instance| {
                 instance.get_event_indicators(indicators)
             })?;
         }
@@ -404,20 +274,21 @@ impl System for Equations<'_, '_> {
 
     fn event(&mut self, time: f64) -> Result {
         if !self.integrator.is_in_event_mode && time > self.integrator.handled {
-            self.recorded.warned(Operation::SetTime, |instance| instance.set_time(time))?;
+            self.recorded
+                .call_with_warning(Operation::SetTime, |instance| instance.set_time(time))?;
         }
         self.integrator.enter_event_mode(self.recorded)?;
-        if let Some(signals) = &mut self.integrator.signals {
-            self.recorded.feed(signals, time, true)?;
-            signals.begin(time);
+        if let Some(inputs) = &mut self.integrator.inputs {
+            self.recorded.set_inputs(inputs, time, true)?;
+            inputs.begin(time);
         }
         self.integrator.update(self.recorded, time)
     }
 
     fn next_event(&self, time: f64) -> Option<f64> {
-        let Integrator { next, signals, left, .. } = &*self.integrator;
+        let Integrator { next, inputs, left, .. } = &*self.integrator;
         let events =
-            [next.filter(|next| *next > time), signals.as_ref().and_then(TableInputs::next)]
+            [next.filter(|next| *next > time), inputs.as_ref().and_then(TableInputs::next)]
                 .into_iter()
                 .flatten();
         events.reduce(f64::min).filter(|next| next < left)

@@ -7,7 +7,7 @@ use fmu_description::{Causality, Type, Variable};
 
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
-use crate::input::InputTable;
+use crate::input_table::InputTable;
 use crate::start::{StartValue, StartValues, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
@@ -211,8 +211,7 @@ impl Plan {
 
     /// Whether a step from the stop time is needed, because a recorded component is sampled.
     pub(crate) fn steps_from_stop(&self) -> bool {
-        let after = &self.wiring.after;
-        !(after.reals.is_empty() && after.others.is_empty())
+        !self.wiring.recorded_after.is_empty()
     }
 }
 

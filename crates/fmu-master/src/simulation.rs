@@ -5,13 +5,13 @@ use fmu_description::{Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
-use crate::component_instance::{Called, ComponentInstance, receive};
+use crate::component_instance::{Called, ComponentInstance, get_feeding_outputs};
 use crate::components::LoadedComponent;
 use crate::fault::FaultyConnection;
-use crate::input::TableInputs;
 use crate::start::StartValues;
 use crate::store::{Store, number, places};
 use crate::table::Column;
+use crate::table_inputs::TableInputs;
 use crate::{Message, Messages, Order, Place, Plan, RunError, StartValue};
 
 /// An initialized run of a system.
@@ -105,7 +105,7 @@ impl Plan {
         messages.record().step(self.experiment.step);
         let starts = (0..self.components.len()).map(|index| self.starts(index, starts));
         let starts = starts.collect::<Result<Vec<_>>>()?;
-        let groups = self.components.iter().zip(&self.wiring.components);
+        let groups = self.components.iter().zip(&self.wiring.groups);
         let components =
             groups.zip(&starts).enumerate().map(|(index, ((component, groups), starts))| {
                 ComponentInstance::new(index, component, groups, starts, messages)
@@ -146,12 +146,12 @@ impl Simulation<'_> {
         });
         let begun = exited.and_then(|()| {
             let components = self.components.iter_mut().zip(&*plan.components);
-            components.enumerate().try_for_each(|(index, (component, planned))| {
-                let (fmu, ports) = (&planned.fmu, &plan.wiring.components[index]);
-                let signals = plan.input.as_ref();
-                let signals =
-                    signals.and_then(|i| TableInputs::new(i, index, fmu, ports, &starts[index]));
-                component.begin(signals, planned.tolerance, (start, plan.experiment.step))
+            components.enumerate().try_for_each(|(index, (component, loaded))| {
+                let (fmu, groups) = (&loaded.fmu, &plan.wiring.groups[index]);
+                let inputs = plan.input.as_ref();
+                let inputs =
+                    inputs.and_then(|i| TableInputs::new(i, index, fmu, groups, &starts[index]));
+                component.begin(inputs, loaded.tolerance, (start, plan.experiment.step))
             })
         });
         begun.map_err(|failure| failure.at(start))
@@ -173,8 +173,9 @@ impl Simulation<'_> {
         let mut last = vec![None; self.components.len()];
         for _ in 0..=self.components.len() {
             let mut changed = false;
-            for (fed, feeds) in self.plan.wiring.feeds.iter().enumerate() {
-                let values = Some(receive(&mut self.components, feeds, &mut self.outputs)?);
+            for (fed, feeding) in self.plan.wiring.feeding.iter().enumerate() {
+                let values =
+                    Some(get_feeding_outputs(&mut self.components, feeding, &mut self.outputs)?);
                 if last[fed] != values {
                     self.components[fed].write_initially(&self.outputs)?;
                     last[fed] = values;
@@ -223,7 +224,7 @@ impl Simulation<'_> {
     fn record_start(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
         self.row.time = self.plan.experiment.start;
         self.read_all::<false>()?;
-        self.row.store.record::<false>(&self.plan.wiring.before, &self.outputs);
+        self.row.store.record::<false>(&self.plan.wiring.recorded_before, &self.outputs);
         if !self.plan.steps_from_stop() {
             observe(&self.row);
         }
@@ -238,7 +239,7 @@ impl Simulation<'_> {
         let component = end.call.as_ref().map(|call| &call.component);
         let mut all = self.plan.components.iter().skip_while(|c| Some(&c.name) != component);
         if self.plan.steps_from_stop() && all.all(|component| !component.sampled) {
-            self.row.store.record::<false>(&wiring.after, &self.outputs);
+            self.row.store.record::<false>(&wiring.recorded_after, &self.outputs);
             observe(&self.row);
         }
         if let ([component], Some(reached)) = (&mut *self.components, end.ended)
@@ -246,8 +247,8 @@ impl Simulation<'_> {
             && component.read::<false>(&mut self.outputs).is_ok()
         {
             self.row.time = reached;
-            self.row.store.record::<false>(&wiring.before, &self.outputs);
-            self.row.store.record::<false>(&wiring.after, &self.outputs);
+            self.row.store.record::<false>(&wiring.recorded_before, &self.outputs);
+            self.row.store.record::<false>(&wiring.recorded_after, &self.outputs);
             observe(&self.row);
         }
         self.call_all("terminate", "end", Instance::terminate)
@@ -273,14 +274,14 @@ impl Simulation<'_> {
                 self.feed(time);
             }
             self.row.time = time;
-            self.row.store.record::<PLAIN>(&wiring.before, &self.outputs);
+            self.row.store.record::<PLAIN>(&wiring.recorded_before, &self.outputs);
             if !is_late && !observe(&self.row) {
                 break;
             }
             if k < last {
                 let stepped = self.step::<PLAIN>(k, time, experiment.step);
                 stepped.map_err(failed_at(time))?;
-                self.row.store.record::<PLAIN>(&wiring.after, &self.outputs);
+                self.row.store.record::<PLAIN>(&wiring.recorded_after, &self.outputs);
             }
             if is_late && !observe(&self.row) {
                 break;
@@ -292,7 +293,7 @@ impl Simulation<'_> {
     /// Takes the values of a time from the input file.
     fn feed(&mut self, time: f64) {
         if let Some(input) = &self.plan.input {
-            input.apply(time, &self.plan.wiring.fed, &mut self.outputs);
+            input.apply(time, &self.plan.wiring.table_places, &mut self.outputs);
         }
     }
 

@@ -300,7 +300,7 @@ impl SteppedFmu {
         let mut values = Vec::with_capacity(scalars.len());
         for same in scalars.chunk_by(|a, b| fmu.access_type(*a) == fmu.access_type(*b)) {
             let (kind, wired) =
-                (fmu.access_type(same[0]), AccessList::of(&fmu, same.iter().copied()));
+                (fmu.access_type(same[0]), AccessList::new(&fmu, same.iter().copied()));
             let get = accessor("get", fmu.version, kind);
             let got = self.component.get(kind, get, &wired);
             values.extend(self.with_time(got)?);
@@ -321,7 +321,7 @@ impl SteppedFmu {
             for (scalar, value) in given {
                 array[fmu.scalars[*scalar].element] = value.clone();
             }
-            let wired = AccessList::of(&fmu, given.iter().map(|(scalar, _)| *scalar));
+            let wired = AccessList::new(&fmu, given.iter().map(|(scalar, _)| *scalar));
             let waits = variable.causality == Causality::Input
                 && variable.variability != Variability::Continuous;
             match &mut self.component.integrator {

@@ -101,6 +101,22 @@ pub(crate) struct RecordedSignals {
     pub(crate) others: Vec<Transfer>,
 }
 
+impl RecordedSignals {
+    /// Adds an output at a place in the store, which is recorded in a column.
+    pub(crate) fn add(&mut self, output: Place, column: Place) {
+        match (output, column) {
+            (Place::Real(from), Place::Real(to)) => self.reals.push(Transfer { from, to }),
+            (Place::Real(from) | Place::Other(from), Place::Real(to) | Place::Other(to)) => {
+                self.others.push(Transfer { from, to });
+            }
+        }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.reals.is_empty() && self.others.is_empty()
+    }
+}
+
 /// A value that is copied, by its index among the values that it is copied from and to.
 #[derive(Clone, Copy)]
 pub(crate) struct Transfer {

@@ -1,4 +1,18 @@
-//! Connections and recorded variables, grouped by component and type for reading and writing.
+//! How values go from outputs to inputs and into rows, prepared once for all runs of a plan.
+//!
+//! The outputs of all components that are connected or recorded are in one [`Store`](crate::store::Store). A component
+//! has a [`VariableGroup`] for each type, because a function of FMI gets or sets variables of one type. For example, let
+//! a source have the output `r`, a controller the inputs `r` and `y` and the output `u`, and a plant the input `u` and
+//! the output `theta`, all Float64, and let `theta` be recorded:
+//!
+//! | group | in the store | at each step |
+//! |---|---|---|
+//! | source | outputs `[0]` | gets `r` directly into place 0 (`direct_outputs`) |
+//! | controller | inputs `[0, 2]`, outputs `[1]` | copies places 0 and 2 (`copied_inputs`), sets them, gets `u` into place 1 |
+//! | plant | inputs `[1]`, outputs `[2]` | sets `u` directly from place 1 (`direct_inputs`), gets `theta` into place 2 |
+//! | row | | copies place 2 into column 0 (`recorded_before`) |
+//!
+//! A system in which all groups are Float64, and values go only in these ways, is *plain*, and steps fastest.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,85 +24,85 @@ use crate::access_list::{AccessList, accessor};
 use crate::components::{LoadedComponent, ScalarId};
 use crate::connections::ResolvedConnection;
 use crate::fault::{FaultState, FaultyConnection};
-use crate::input::InputTable;
+use crate::input_table::InputTable;
 use crate::store::{Place, RecordedSignals, Transfer, places};
 use crate::{Conversion, Description};
 
-/// What is transferred between the components and into rows.
+/// The ways of all values between the components and into rows.
 pub(crate) struct Wiring {
-    /// The variables of each component: those of the type Float64, then those of each other type, which are
-    /// rare.
-    pub(crate) components: Vec<Vec<VariableGroup>>,
-    /// What feeds each component during the initialization.
-    pub(crate) feeds: Vec<Vec<FeedingOutputs>>,
-    /// The number of outputs of all components: those of the type Float64, and the others.
+    /// The groups of each component: the one of the type Float64, then those of other types, which are rare.
+    pub(crate) groups: Vec<Vec<VariableGroup>>,
+    /// The outputs that feed each component, as they are read during the initialization.
+    pub(crate) feeding: Vec<Vec<FeedingOutputs>>,
+    /// The number of values in the store: those of the type Float64, and the others.
     pub(crate) counts: [usize; 2],
-    /// The recorded variables of continuous components, whose values before a step are recorded.
-    pub(crate) before: RecordedSignals,
-    /// The recorded variables of sampled components, whose values after a step are recorded.
-    pub(crate) after: RecordedSignals,
+    /// The recorded signals of continuous components, whose values before a step are recorded.
+    pub(crate) recorded_before: RecordedSignals,
+    /// The recorded signals of sampled components, whose values after a step are recorded.
+    pub(crate) recorded_after: RecordedSignals,
     /// The connections with faults that lead to each component.
     pub(crate) faulty_connections: Vec<Vec<FaultyConnection>>,
-    /// The places of the values from the input file among the outputs, in its order.
-    pub(crate) fed: Vec<Place>,
-    /// Whether all that is transferred at every step are values of Float64 as they are.
+    /// The places in the store of the columns of the input table.
+    pub(crate) table_places: Vec<Place>,
+    /// Whether every value that is transferred at a step is a Float64 that is not changed on its way.
     pub(crate) is_plain: bool,
 }
 
-/// Variables of one component and type.
+/// The connected and recorded variables of one component and one type.
 pub(crate) struct VariableGroup {
-    /// The type whose functions get and set them, and these functions.
-    pub(crate) kind: Type,
+    /// The type whose functions get and set the variables, and these functions.
+    pub(crate) access_type: Type,
     pub(crate) get: Option<Function>,
     pub(crate) set: Option<Function>,
-    /// The connected inputs, and what feeds each of them.
+    /// The connected inputs, and the source of each.
     pub(crate) inputs: AccessList,
     pub(crate) sources: Vec<InputSource>,
-    /// The inputs and the Float64 outputs that feed them, if these follow each other, none is scaled, and they
-    /// are all elements: their values need not be collected.
-    pub(crate) run: Option<Listed>,
-    /// The Float64 outputs that feed inputs without a conversion, and the positions of these inputs.
-    pub(crate) copied: Vec<Transfer>,
-    /// The variables that are connected or recorded, once each, and the place of the first.
+    /// The values of all inputs in the store, if they follow each other there as Float64 and need no conversion: they
+    /// are set directly from the store.
+    pub(crate) direct_inputs: Option<Listed>,
+    /// The Float64 values in the store that inputs take without a conversion, and the positions of these inputs.
+    pub(crate) copied_inputs: Vec<Transfer>,
+    /// The outputs, once each, and the place of the first in the store; the others follow.
     pub(crate) outputs: AccessList,
-    pub(crate) first: Place,
-    /// These outputs if they are Float64 and all elements: their values need not be distributed.
-    pub(crate) whole: Option<Listed>,
+    pub(crate) first_output: Place,
+    /// The values of all outputs in the store, if they are Float64 and all elements: they are got directly into the
+    /// store.
+    pub(crate) direct_outputs: Option<Listed>,
 }
 
-/// The output, or the column of the input file, that feeds an input.
+/// The source of the value of an input.
 pub(crate) struct InputSource {
-    /// `None` for the input file.
+    /// The component of the output; `None` for a column of the input table.
     pub(crate) component: Option<usize>,
-    /// Its place among the outputs of all components, or the place of what a connection with faults delivers.
-    pub(crate) output: Place,
+    /// The place in the store of the output, the column, or the value that a connection with faults delivers.
+    pub(crate) place: Place,
     pub(crate) conversion: Option<Conversion>,
 }
 
 /// Outputs of one component and type that feed another component.
 pub(crate) struct FeedingOutputs {
     pub(crate) component: usize,
-    /// The type whose functions get them, and this function.
-    pub(crate) kind: Type,
+    /// The type whose functions get the outputs, and the one that does.
+    pub(crate) access_type: Type,
     pub(crate) get: Option<Function>,
     pub(crate) outputs: AccessList,
-    /// The place of each among the outputs of all components.
+    /// The places in the store from which the inputs take the values.
     pub(crate) places: Vec<Place>,
 }
 
 impl FeedingOutputs {
-    /// The feed from which a port is read.
-    fn of<'a>(
+    /// The outputs of the component and the type of an output, which are added if there are none yet.
+    fn entry<'a>(
         all: &'a mut Vec<Self>,
         components: &[LoadedComponent],
-        port: ScalarId,
+        output: ScalarId,
     ) -> &'a mut Self {
-        let (component, kind) = (port.component, port.access_type(components));
-        let found = all.iter().position(|feed| (feed.component, feed.kind) == (component, kind));
-        let index = found.unwrap_or_else(|| {
-            let get = accessor("get", components[component].fmu.version, kind);
+        let (component, access_type) = (output.component, output.access_type(components));
+        let is_same = |f: &Self| (f.component, f.access_type) == (component, access_type);
+        let index = all.iter().position(is_same).unwrap_or_else(|| {
+            let get = accessor("get", output.fmu(components).version, access_type);
             let (outputs, places) = (AccessList::default(), Vec::new());
-            all.push(Self { component, kind, get, outputs, places });
+            all.push(Self { component, access_type, get, outputs, places });
             all.len() - 1
         });
         &mut all[index]
@@ -96,40 +110,62 @@ impl FeedingOutputs {
 }
 
 impl VariableGroup {
-    fn new(version: FmiVersion, kind: Type) -> Self {
+    fn new(version: FmiVersion, access_type: Type) -> Self {
         Self {
-            kind,
-            get: accessor("get", version, kind),
-            set: accessor("set", version, kind),
+            access_type,
+            get: accessor("get", version, access_type),
+            set: accessor("set", version, access_type),
             inputs: AccessList::default(),
             sources: Vec::new(),
-            run: None,
-            copied: Vec::new(),
+            direct_inputs: None,
+            copied_inputs: Vec::new(),
             outputs: AccessList::default(),
-            first: Place::Other(0),
-            whole: None,
+            first_output: Place::Other(0),
+            direct_outputs: None,
         }
     }
 
-    /// Whether all values are only copied.
-    fn is_plain(&self) -> bool {
-        let are_distributed = self.whole.is_none() && !self.outputs.references.is_empty();
-        self.copied.len() == self.sources.len() && !are_distributed
+    /// The group of a scalar, which is added if there is none yet.
+    fn entry<'a>(
+        groups: &'a mut [Vec<Self>],
+        components: &[LoadedComponent],
+        id: ScalarId,
+    ) -> &'a mut Self {
+        let (groups, access_type) = (&mut groups[id.component], id.access_type(components));
+        let found = groups.iter().position(|group| group.access_type == access_type);
+        let index = found.unwrap_or_else(|| {
+            groups.push(Self::new(id.fmu(components).version, access_type));
+            groups.len() - 1
+        });
+        &mut groups[index]
     }
 
-    /// Those among which a port is.
-    fn of<'a>(
-        all: &'a mut [Vec<Self>],
-        components: &[LoadedComponent],
-        port: ScalarId,
-    ) -> &'a mut Self {
-        let (all, kind) = (&mut all[port.component], port.access_type(components));
-        let found = all.iter().position(|ports| ports.kind == kind);
-        let index = found.unwrap_or_else(|| {
-            all.push(Self::new(components[port.component].fmu.version, kind));
-            all.len() - 1
+    /// Finds which Float64 values go directly to and from the store, and which are copied.
+    fn find_direct_values(&mut self) {
+        let pairs = self.sources.iter().zip(&self.inputs.positions);
+        let copied = pairs.filter_map(|(source, position)| match source.place {
+            Place::Real(from) if source.conversion.is_none() => {
+                Some(Transfer { from, to: *position })
+            }
+            _ => None,
         });
-        &mut all[index]
+        self.copied_inputs = copied.collect();
+        if let [Transfer { from: first, .. }, ..] = self.copied_inputs[..]
+            && let ends = self.copied_inputs.iter().map(|copied| (copied.from, copied.to))
+            && (first..).zip(0..self.inputs.elements).eq(ends)
+        {
+            self.direct_inputs = Some(self.inputs.from_place(first));
+        }
+        self.direct_outputs = match self.first_output {
+            Place::Real(first) if self.outputs.is_complete => Some(self.outputs.from_place(first)),
+            _ => None,
+        };
+    }
+
+    /// Whether all values go directly or are only copied.
+    fn is_plain(&self) -> bool {
+        let are_distributed = self.direct_outputs.is_none() && !self.outputs.references.is_empty();
+        self.copied_inputs.len() == self.sources.len() && !are_distributed
     }
 }
 
@@ -137,112 +173,92 @@ impl Wiring {
     pub(crate) fn new(
         description: &Description,
         components: &[LoadedComponent],
-        links: &[ResolvedConnection],
+        connections: &[ResolvedConnection],
         input: Option<&InputTable>,
         recorded: &[ScalarId],
     ) -> Self {
-        let reals = |planned: &LoadedComponent| {
-            vec![VariableGroup::new(planned.fmu.version, Type::Float64)]
+        let reals = |component: &LoadedComponent| {
+            vec![VariableGroup::new(component.fmu.version, Type::Float64)]
         };
-        let mut wired = Vec::from_iter(components.iter().map(reals));
+        let mut groups = Vec::from_iter(components.iter().map(reals));
 
-        // All variables that are read, and their places.
+        // The places of all outputs that are read.
         let mut seen = HashSet::new();
-        let connected = links.iter().map(|link| link.from);
+        let connected = connections.iter().map(|connection| connection.from);
         let mut outputs = Vec::from_iter(recorded.iter().copied().chain(connected));
-        outputs.retain(|port| seen.insert(*port));
-        outputs.sort_by_key(|port| (port.component, port.access_type(components) as u8));
+        outputs.retain(|id| seen.insert(*id));
+        outputs.sort_by_key(|id| (id.component, id.access_type(components) as u8));
         let mut counts = [0; 2];
-        let add = |port: ScalarId| {
-            let ports = VariableGroup::of(&mut wired, components, port);
-            let place = Place::next(ports.kind, &mut counts);
-            if ports.outputs.references.is_empty() {
-                ports.first = place;
+        let add = |id: ScalarId| {
+            let group = VariableGroup::entry(&mut groups, components, id);
+            let place = Place::next(group.access_type, &mut counts);
+            if group.outputs.references.is_empty() {
+                group.first_output = place;
             }
-            let fmu = &components[port.component].fmu;
-            ports.outputs.push(fmu, port.scalar);
-            (port, place)
+            group.outputs.push(id.fmu(components), id.scalar);
+            (id, place)
         };
-        let outputs: HashMap<ScalarId, Place> = outputs.into_iter().map(add).collect();
+        let output_places: HashMap<ScalarId, Place> = outputs.into_iter().map(add).collect();
 
-        let [mut before, mut after] = [RecordedSignals::default(), RecordedSignals::default()];
-        let kinds = recorded.iter().map(|port| port.variable(components).of_type);
-        for (port, column) in recorded.iter().zip(places(kinds)) {
-            let records = if components[port.component].sampled { &mut after } else { &mut before };
-            match (outputs[port], column) {
-                (Place::Real(from), Place::Real(to)) => records.reals.push(Transfer { from, to }),
-                (Place::Real(from) | Place::Other(from), Place::Real(to) | Place::Other(to)) => {
-                    records.others.push(Transfer { from, to });
-                }
-            }
+        let [mut recorded_before, mut recorded_after] =
+            [(); 2].map(|()| RecordedSignals::default());
+        let types = recorded.iter().map(|id| id.variable(components).of_type);
+        for (id, column) in recorded.iter().zip(places(types)) {
+            let signals = match components[id.component].sampled {
+                true => &mut recorded_after,
+                false => &mut recorded_before,
+            };
+            signals.add(output_places[id], column);
         }
 
-        let mut links = Vec::from_iter(links);
-        links.sort_by_key(|link| link.from.component);
+        let mut connections = Vec::from_iter(connections);
+        connections.sort_by_key(|connection| connection.from.component);
         let mut faulty_connections = vec![Vec::new(); components.len()];
-        let mut feeds = Vec::from_iter(components.iter().map(|_| Vec::<FeedingOutputs>::new()));
+        let mut feeding = Vec::from_iter(components.iter().map(|_| Vec::new()));
         let mut ranks = 0..;
-        for ResolvedConnection { from, to, conversion, faults } in links {
-            let ports = VariableGroup::of(&mut wired, components, *to);
-            ports.inputs.push(&components[to.component].fmu, to.scalar);
-            let mut output = outputs[from];
+        for ResolvedConnection { from, to, conversion, faults } in connections {
+            let mut place = output_places[from];
             if !faults.is_empty() {
                 let (experiment, seed) = (description.experiment(), description.seed);
                 let faults = faults.iter().zip(&mut ranks);
                 let faults =
                     faults.map(|(fault, rank)| FaultState::new(fault, seed, rank, &experiment));
                 let faults = faults.collect();
-                faulty_connections[to.component].push(FaultyConnection {
-                    from: output,
-                    to: counts[0],
-                    faults,
-                });
-                output = Place::next(Type::Float64, &mut counts);
+                let faulty = FaultyConnection { from: place, to: counts[0], faults };
+                faulty_connections[to.component].push(faulty);
+                place = Place::next(Type::Float64, &mut counts);
             }
-            let ScalarId { component, scalar } = *from;
-            ports.sources.push(InputSource {
-                component: Some(component),
-                output,
-                conversion: *conversion,
-            });
-            let feed = FeedingOutputs::of(&mut feeds[to.component], components, *from);
-            feed.outputs.push(&components[component].fmu, scalar);
-            feed.places.push(output);
+            let component = Some(from.component);
+            let group = VariableGroup::entry(&mut groups, components, *to);
+            group.inputs.push(to.fmu(components), to.scalar);
+            group.sources.push(InputSource { component, place, conversion: *conversion });
+            let feeding = FeedingOutputs::entry(&mut feeding[to.component], components, *from);
+            feeding.outputs.push(from.fmu(components), from.scalar);
+            feeding.places.push(place);
         }
-        let mut fed = Vec::new();
-        for port in input.iter().flat_map(|input| input.scalars()) {
-            let ports = VariableGroup::of(&mut wired, components, port);
-            let output = Place::next(ports.kind, &mut counts);
-            fed.push(output);
-            ports.inputs.push(&components[port.component].fmu, port.scalar);
-            ports.sources.push(InputSource { component: None, output, conversion: None });
+        let mut table_places = Vec::new();
+        for id in input.iter().flat_map(|input| input.scalars()) {
+            let group = VariableGroup::entry(&mut groups, components, id);
+            let place = Place::next(group.access_type, &mut counts);
+            table_places.push(place);
+            group.inputs.push(id.fmu(components), id.scalar);
+            group.sources.push(InputSource { component: None, place, conversion: None });
         }
-        for reals in wired.iter_mut().map(|all| &mut all[0]) {
-            let pairs = reals.sources.iter().zip(&reals.inputs.positions);
-            let copied = pairs.filter_map(|(source, position)| match source.output {
-                Place::Real(from) if source.conversion.is_none() => {
-                    Some(Transfer { from, to: *position })
-                }
-                _ => None,
-            });
-            reals.copied = copied.collect();
-            if let [Transfer { from: first, .. }, ..] = reals.copied[..]
-                && (first..)
-                    .zip(0..reals.inputs.elements)
-                    .eq(reals.copied.iter().map(|t| (t.from, t.to)))
-            {
-                reals.run = Some(reals.inputs.listed(first));
-            }
-            reals.whole = match reals.first {
-                Place::Real(first) if reals.outputs.are_all => Some(reals.outputs.listed(first)),
-                _ => None,
-            };
-        }
+        groups.iter_mut().for_each(|groups| groups[0].find_direct_values());
         let is_plain = input.is_none()
             && faulty_connections.iter().all(Vec::is_empty)
-            && before.others.is_empty()
-            && after.others.is_empty()
-            && wired.iter().all(|all| all.len() == 1 && all[0].is_plain());
-        Self { components: wired, feeds, counts, before, after, faulty_connections, fed, is_plain }
+            && recorded_before.others.is_empty()
+            && recorded_after.others.is_empty()
+            && groups.iter().all(|groups| groups.len() == 1 && groups[0].is_plain());
+        Self {
+            groups,
+            feeding,
+            counts,
+            recorded_before,
+            recorded_after,
+            faulty_connections,
+            table_places,
+            is_plain,
+        }
     }
 }

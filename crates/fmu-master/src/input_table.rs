@@ -1,0 +1,175 @@
+//! The input table: values of inputs over time, from a file.
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::{Causality, Type, Value, Variability};
+
+use crate::components::{Components, ScalarId};
+use crate::connections::{ResolvedConnection, with_article};
+use crate::store::{Place, Store, number};
+use crate::table::{self, Column, Series};
+
+/// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are
+/// interpolated linearly, and others keep their value; before the first and after the last row, all keep it.
+/// At a jump, which is two rows with the same time, the later row counts.
+pub(crate) struct InputTable {
+    /// Finite and not decreasing (s).
+    pub(crate) times: Vec<f64>,
+    pub(crate) columns: Vec<InputColumn>,
+}
+
+/// An input and its values.
+pub(crate) struct InputColumn {
+    pub(crate) input: ScalarId,
+    /// The type of its values if they are interpolated.
+    pub(crate) interpolated: Option<Type>,
+    pub(crate) values: Vec<Value>,
+}
+
+/// The rows of an input table that give the values at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct RowsAtTime {
+    /// The row whose values hold.
+    pub(crate) held: usize,
+    /// The row up to which values are interpolated from the one before, unless they are constant.
+    pub(crate) next: Option<usize>,
+}
+
+impl InputTable {
+    /// Reads a table: a column `time` in s, and a column for each input, with or without a unit in brackets.
+    ///
+    /// # Errors
+    /// The file cannot be read, a column is not an input that is free, or a row is invalid.
+    pub(crate) fn read(
+        file: &Path,
+        components: &Components,
+        connections: &[ResolvedConnection],
+    ) -> Result<Self> {
+        let table = table::read_texts(file);
+        let table = table.with_context(|| format!("cannot read {}", file.display()))?;
+        Self::new(&table, components, connections).with_context(|| file.display().to_string())
+    }
+
+    fn new(
+        table: &[Series],
+        components: &Components,
+        connections: &[ResolvedConnection],
+    ) -> Result<Self> {
+        let times = table::times(table)?;
+        let mut taken: HashSet<ScalarId> =
+            connections.iter().map(|connection| connection.to).collect();
+        let columns = table[1..].iter().map(|series| {
+            let name = &series.name;
+            let input = components.scalar(name)?;
+            let variable = input.variable(components);
+            if let Some(reason) = input.fmu(components).unusable(input.scalar) {
+                bail!("{name} cannot be set: {reason}");
+            }
+            let is_input = variable.causality == Causality::Input;
+            ensure!(is_input, "{name} is {}, expected an input", with_article(variable.causality));
+            ensure!(taken.insert(input), "{name} is connected, or has two columns");
+            let (found, unit) = (&series.unit, variable.unit.as_deref().unwrap_or_default());
+            let is_same = found == unit || found.is_empty() || unit.is_empty();
+            ensure!(is_same, "{name} is in {found}, expected {unit}");
+            let is_continuous = variable.variability == Variability::Continuous;
+            let kind = variable.of_type;
+            Ok(InputColumn {
+                input,
+                interpolated: (is_continuous && kind.is_float()).then_some(kind),
+                values: values(series, kind)?,
+            })
+        });
+        Ok(Self { columns: columns.collect::<Result<_>>()?, times })
+    }
+
+    /// The inputs, in the order of the columns.
+    pub(crate) fn scalars(&self) -> impl Iterator<Item = ScalarId> {
+        self.columns.iter().map(|column| column.input)
+    }
+
+    /// Writes the values of a time (s) to the places of the inputs.
+    pub(crate) fn apply(&self, time: f64, places: &[Place], to: &mut Store) {
+        let rows = self.rows(time);
+        for (column, place) in self.columns.iter().zip(places) {
+            to.set(*place, self.value(column, time, rows));
+        }
+    }
+
+    /// The value of an input at a time (s) from these rows.
+    pub(crate) fn value(&self, column: &InputColumn, time: f64, rows: RowsAtTime) -> Value {
+        if let (Some(kind), Some(next)) = (column.interpolated, rows.next) {
+            let [t0, t1] = [next - 1, next].map(|row| self.times[row]);
+            let [v0, v1] = [next - 1, next].map(|row| number(&column.values[row]));
+            // As FMPy calculates it.
+            let w0 = (t1 - time.max(t0)) / (t1 - t0);
+            if let Some(value) = Value::real(kind, w0 * v0 + (1.0 - w0) * v1) {
+                return value;
+            }
+        }
+        column.values[rows.held].clone()
+    }
+
+    /// The rows that give the values at a time (s).
+    pub(crate) fn rows(&self, time: f64) -> RowsAtTime {
+        let times = &self.times;
+        let same = table::rounding(time, times[0]);
+        let mut next = times.partition_point(|t| *t <= time);
+        let is_now = |row: usize| times.get(row).is_some_and(|t| (t - time).abs() <= same);
+        let after = (next..).find(|row| !is_now(*row)).unwrap_or(next);
+        if after > next + 1 {
+            next = after;
+        }
+        let is_between = next > 0 && next < times.len() && times[next - 1] < times[next];
+        RowsAtTime { held: after.saturating_sub(1), next: is_between.then_some(next) }
+    }
+}
+
+/// The values of a column in the type of an input.
+fn values(series: &Series, kind: Type) -> Result<Vec<Value>> {
+    let column = Column::new(&series.name, "", kind);
+    let cells = series.cells.iter().zip(1..).map(|(cell, row)| {
+        let text = cell.as_ref().map(|value| match value.as_real() {
+            Some(real) => format!("{real:?}"), // of a Float32, too, all digits
+            None => value.to_string(),
+        });
+        let value = column.parse(text.as_deref()).with_context(|| format!("row {row}"))?;
+        match value {
+            Some(value) if value.as_real().is_none_or(f64::is_finite) => Ok(value),
+            _ => bail!(
+                "row {row}: {} is {}, expected a finite number",
+                series.name,
+                text.unwrap_or_default()
+            ),
+        }
+    });
+    cells.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(table: &InputTable, time: f64) -> (usize, Option<usize>) {
+        let RowsAtTime { held, next } = table.rows(time);
+        (held, next)
+    }
+
+    #[test]
+    fn rows_hold_jump_and_end() {
+        let input = |times: &[f64]| InputTable { times: times.to_vec(), columns: Vec::new() };
+        let jump = input(&[0.0, 0.1 + 0.2, 0.1 + 0.2, 0.5]);
+        assert_eq!(rows(&jump, -1.0), (0, None));
+        assert_eq!(rows(&jump, 0.1), (0, Some(1)));
+        // 0.3 is a little before the jump.
+        assert_eq!(rows(&jump, 0.3), (2, Some(3)));
+        assert_eq!(rows(&jump, 0.4), (2, Some(3)));
+        assert_eq!(rows(&jump, 0.5), (3, None));
+        let smooth = input(&[0.0, 0.1 + 0.2, 0.5]);
+        assert_eq!(rows(&smooth, 0.3), (1, Some(1)));
+        assert_eq!(rows(&smooth, 0.1 + 0.2), (1, Some(2)));
+        let since_1970 = input(&[1.7e9, 1.7e9 + 1.0]);
+        assert_eq!(rows(&since_1970, 1.7e9 + 0.5), (0, Some(1)));
+    }
+}
