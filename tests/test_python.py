@@ -60,6 +60,24 @@ def test_a_run_has_the_bits_of_the_command_line(fmus, tmp_path, in_process):
 
 
 @pytest.mark.parametrize("in_process", [False, True])
+def test_alarms_and_summary_are_those_of_the_command_line(fmus, in_process):
+    loop = LOOPS / "pid-rbf.toml"
+    late = {"controller.previous_sample_terms": True}
+    options = ("--order=parallel", "--set=controller.previous_sample_terms=true")
+    shown = run("simulate", loop, *options).stdout.splitlines()
+    result = System(loop).simulate(late, order="parallel", in_process=in_process)
+    alarms = [line.removeprefix("alarm: ") for line in shown if line.startswith("alarm: ")]
+    assert result.alarms == alarms
+    assert len(alarms) == 2
+    rows = {line.split()[0]: line.split()[1:5] for line in shown}
+    assert result.summary
+    for name, numbers in result.summary.items():
+        digits = [f"{numbers[key]:.3e}" for key in ("min", "max", "rms")]
+        assert list(map(float, digits)) == list(map(float, rows[name][:3]))
+        assert numbers["last"] == result[name][-1] == pytest.approx(float(rows[name][3]), rel=1e-9)
+
+
+@pytest.mark.parametrize("in_process", [False, True])
 def test_runs_of_a_loaded_system_have_the_bits_of_others(fmus, in_process):
     system, start = System(fmus / "PidRbf_fmi3.fmu"), {"r": 0.1}
     gain, size = {"pid.kp": 200.0}, {"rbf.nodes": 3}
@@ -224,9 +242,7 @@ def test_messages_name_what_python_has(loop, tmp_path):
     loop["component"] = [dict(part) for part in loop["component"]]
     note, short = System({**loop, "stop": 0.0115}).simulate().notes
     assert short.startswith("the step size does not divide the run: it ends at t = 0.011")
-    assert note.startswith(
-        "sampled, because all outputs are discrete: controller; `sampled=False` "
-    )
+    assert note.startswith("controller is recorded after each step; use `sampled=False` ")
     plan = tmp_path / "sweep.toml"
     plan.write_text('system = "a.toml"\n[[parameter]]\nvariable = "a.b"\nvalues = [1]\n')
     for file, start, message in (

@@ -4,11 +4,9 @@
 pub mod commands;
 mod plot;
 pub mod session;
-mod style;
-mod table;
+mod ui;
 
 use std::ffi::OsString;
-use std::fmt;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
@@ -16,10 +14,9 @@ use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use session::Session;
-use style::ERROR;
 
 use commands::{
-    compare, completions, export, info, merge, new, simulate, ssp, sweep, try_out, validate,
+    compare, completions, export, info, merge, new, run, simulate, ssp, sweep, validate,
 };
 
 /// Write, build, inspect, merge, check, simulate and sweep FMUs
@@ -92,7 +89,7 @@ Examples:
   cargo fmu run Pendulum --set theta0=0.1 --stop 2
   cargo fmu run loop.toml --watch --plot loop.html"
     )]
-    Run(try_out::RunArgs),
+    Run(run::RunArgs),
     /// Simulate a system with many parameter sets; write the metrics of each run
     #[command(after_help = "An interrupted sweep resumes when it is started again.
 
@@ -138,28 +135,14 @@ Examples:
 pub fn main(program: Vec<OsString>, arguments: impl Iterator<Item = OsString>) -> ExitCode {
     let arguments = Vec::from_iter(arguments);
     session::started(program, arguments.iter().skip(1).cloned().collect());
-    match run(Cli::parse_from(without_subcommand(arguments.into_iter())).command) {
+    match execute(Cli::parse_from(without_subcommand(arguments.into_iter())).command) {
         Ok(code) => code,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            // Messages of the TOML parser already end with a line feed.
-            let text = format!("{error:#}");
-            tell(format_args!("{ERROR}error:{ERROR:#} {}", text.trim_end()));
+            ui::error(&error);
             ExitCode::FAILURE
         }
     }
-}
-
-/// Writes a line for people to the standard error output, which somebody may have closed.
-fn tell(line: fmt::Arguments<'_>) {
-    let _ = writeln!(anstream::stderr(), "{line}");
-}
-
-/// A number of things, such as `1 row` or `2 rows`.
-fn counted(number: impl ToString, what: &str) -> String {
-    let number = number.to_string();
-    let ending = if number == "1" { "" } else { "s" };
-    format!("{number} {what}{ending}")
 }
 
 /// A template with the value of each placeholder, in which others are left as they are.
@@ -183,7 +166,7 @@ fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item
         .map(|(_, argument)| argument)
 }
 
-fn run(command: Command) -> Result<ExitCode> {
+fn execute(command: Command) -> Result<ExitCode> {
     // Not locked, since a sweep prints rows from several threads.
     let out = &mut anstream::stdout();
     let code = |is_passed| if is_passed { ExitCode::SUCCESS } else { ExitCode::FAILURE };
@@ -196,7 +179,7 @@ fn run(command: Command) -> Result<ExitCode> {
             return until_interrupted(|| validate::run(&args, out)).map(code);
         }
         Command::Simulate(args) => return simulate::run(&args, out),
-        Command::Run(args) => return try_out::run(args, out),
+        Command::Run(args) => return run::run(args, out),
         Command::Sweep(args) => return sweep::run(&args, out),
         Command::Compare(args) => return until_interrupted(|| compare::run(&args, out)).map(code),
         Command::Ssp(args) => until_interrupted(|| ssp::run(&args, out))?,

@@ -17,6 +17,8 @@ use fmu_worker::Owned;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use tempfile::TempDir;
 
+use crate::ui;
+
 /// A command in progress. All temporary folders are in one, which is removed with this value.
 pub struct Session {
     folder: Owned<TempDir>,
@@ -93,7 +95,7 @@ impl Session {
                     remove_unfinished();
                     // What cannot be removed is in the folder for temporary files.
                     let _ = std::fs::remove_dir_all(&folder);
-                    crate::tell(format_args!("interrupted; unfinished files were removed"));
+                    ui::message(format_args!("interrupted; unfinished files were removed"));
                     process::exit(128 + number as i32);
                 }
             }

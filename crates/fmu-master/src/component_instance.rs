@@ -185,7 +185,8 @@ impl<'a> ComponentInstance<'a> {
             if stepped.is_ok() {
                 self.recorded.calls.begin(None);
             }
-            return stepped.map_err(|error| self.to_error(error, format!("step of {step:?} s")));
+            return stepped
+                .map_err(|error| self.integration_error(error, format!("step of {step:?} s")));
         }
         // The communication point tells calls of a plain system apart.
         match PLAIN {
@@ -271,7 +272,8 @@ impl<'a> ComponentInstance<'a> {
             let (fmu, groups) = (self.fmu.clone(), self.groups);
             let begun =
                 Integrator::begin(&mut self.recorded, &fmu, groups, inputs, tolerance, times);
-            let begun = begun.map_err(|error| self.to_error(error, "first event".to_owned()))?;
+            let begun =
+                begun.map_err(|error| self.integration_error(error, "first event".to_owned()))?;
             self.integrator = Some(Box::new(begun));
         }
         Ok(())
@@ -279,7 +281,7 @@ impl<'a> ComponentInstance<'a> {
 
     /// The failure of an integration.
     #[cold]
-    pub(crate) fn to_error(&mut self, error: StepError, what: String) -> Box<RunError> {
+    pub(crate) fn integration_error(&mut self, error: StepError, what: String) -> Box<RunError> {
         let (failure, what) = match error {
             StepError::Call(failure, place) if place.is_empty() => (failure, what),
             StepError::Call(failure, place) => (failure, format!("{place}, {what}")),

@@ -8,6 +8,7 @@ use fmu_worker::{Record, Worker};
 use serde::{Deserialize, Serialize};
 
 use crate::messages::Message;
+use crate::note::Advice;
 use crate::recorded_instance::OPERATIONS;
 
 /// Why a run has failed or, if `ended` is given, why an FMU has ended it.
@@ -23,6 +24,8 @@ pub struct RunError {
     pub reason: Option<String>,
     /// The time (s) that the FMU has reached, if it did not fail but asked to end the simulation.
     pub ended: Option<f64>,
+    /// The advice that follows the text.
+    pub advice: Option<Advice>,
     /// All messages of the FMUs.
     pub messages: Vec<Message>,
 }
@@ -43,11 +46,14 @@ pub struct FailedCall {
 impl RunError {
     /// A run that cannot go on, with these messages of the FMUs. The error comes from [`Plan`](crate::Plan) or
     /// [`Simulation`](crate::Simulation).
-    pub fn new(error: Error, messages: Vec<Message>) -> Self {
-        match error.downcast::<Self>() {
+    pub fn new(error: Error, messages: Vec<Message>) -> Box<Self> {
+        Box::new(match error.downcast::<Self>() {
             Ok(failed) => Self { messages, ..failed },
-            Err(error) => Self { messages, ..Self::without_call(format!("{error:#}"), None) },
-        }
+            Err(error) => {
+                let advice = Advice::of(&error).cloned();
+                Self { messages, advice, ..Self::without_call(format!("{error:#}"), None) }
+            }
+        })
     }
 
     /// A failed call with this outcome.
@@ -56,17 +62,18 @@ impl RunError {
     }
 
     fn without_call(outcome: String, time: Option<f64>) -> Self {
-        Self { call: None, outcome, time, reason: None, ended: None, messages: Vec::new() }
+        let (call, reason, ended, advice) = (None, None, None, None);
+        Self { call, outcome, time, reason, ended, advice, messages: Vec::new() }
     }
 
     /// The call in which a worker process has ended, and how. `components` are the names of the components and of
     /// their files.
-    pub fn crash(worker: &Worker, components: &[(String, String)], how: &str) -> Self {
+    pub fn crash(worker: &Worker, components: &[(String, String)], how: &str) -> Box<Self> {
         let record = worker.record();
-        Self::recorded(record, components, how).unwrap_or_else(|| {
+        Box::new(Self::recorded(record, components, how).unwrap_or_else(|| {
             let outcome = format!("the worker process {how}, outside of the calls of an FMU");
             Self::without_call(outcome, record.time())
-        })
+        }))
     }
 
     /// The call in progress in a record, with this outcome, if there is one.

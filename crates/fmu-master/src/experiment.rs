@@ -3,6 +3,8 @@
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use crate::note::Note;
+
 /// The times of a simulation (s).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Experiment {
@@ -49,15 +51,11 @@ impl Experiment {
         Ok(self.time(self.steps()? - 1))
     }
 
-    /// Says so if the last communication point is before the stop time.
-    pub(crate) fn note(&self) -> Result<Option<String>> {
+    /// A note if the last communication point is before the stop time.
+    pub(crate) fn note(&self) -> Result<Option<Note>> {
         let (last, stop) = (self.last()?, self.stop);
         let is_short = stop - last > 1e-3 * self.step;
-        Ok(is_short.then(|| {
-            format!(
-                "the step size does not divide the run: it ends at t = {last} s, not at {stop} s"
-            )
-        }))
+        Ok(is_short.then_some(Note::EndsBeforeStop { last, stop }))
     }
 
     /// The communication point of step `k`, computed directly so that rounding errors do not add up.

@@ -17,7 +17,7 @@ use fmu_file::platform::Platform;
 use fmu_host::{Instance, Instantiation, InterfaceType, Library, Limits, LoadError, Owned};
 use tempfile::TempDir;
 
-use crate::{Function, Messages, Sandbox};
+use crate::{Advice, Function, Messages, Sandbox};
 
 /// An FMU for co-simulation or model exchange.
 pub struct Fmu {
@@ -295,16 +295,15 @@ impl Fmu {
         }
         let names = Vec::from_iter((0..self.scalars.len()).map(|scalar| self.name(scalar)));
         let similar = similar(name, names.iter().map(String::as_str));
-        let hint = match (self.arrays.get(name), similar.as_slice()) {
-            (Some(elements), _) => {
-                let ends =
-                    [elements.start, elements.end - 1].map(|scalar| self.name_as(name, scalar));
-                format!("; its elements are {} to {}", ends[0], ends[1])
-            }
-            (_, []) => format!("; `cargo fmu info {}` lists its variables", self.file_name()),
-            (_, names) => format!("; did you mean {}?", names.join(" or ")),
-        };
-        bail!("{} has no variable {name}{hint}", self.file_name())
+        let text = format!("{} has no variable {name}; ", self.file_name());
+        if let Some(elements) = self.arrays.get(name) {
+            let ends = [elements.start, elements.end - 1].map(|scalar| self.name_as(name, scalar));
+            bail!("{text}its elements are {} to {}", ends[0], ends[1]);
+        }
+        match similar.as_slice() {
+            [] => Err(Advice::ListVariables(self.file_name()).after(text)),
+            names => bail!("{text}did you mean {}?", names.join(" or ")),
+        }
     }
 
     /// The indices of a scalar, or of all elements of an array.

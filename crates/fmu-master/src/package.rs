@@ -7,6 +7,8 @@ use fmu_file::archive::{self, Archive};
 use fmu_host::Owned;
 use tempfile::TempDir;
 
+use crate::note::Advice;
+
 /// The system structure of a package.
 pub(crate) const STRUCTURE_FILE: &str = "SystemStructure.ssd";
 
@@ -31,10 +33,14 @@ impl SystemOrigin {
 /// As [`SystemOrigin::with_package_names`].
 pub(crate) fn with_package_names(opened: &[StructureFile], error: &Error) -> Error {
     let unpacked = opened.iter().rev().filter(|files| files.is_package());
-    Error::msg(unpacked.fold(format!("{error:#}"), |text, files| {
+    let text = unpacked.fold(format!("{error:#}"), |text, files| {
         let [folder, file] = [&files.folder, &files.file].map(|path| path.display().to_string());
         text.replace(&folder, &file)
-    }))
+    });
+    match Advice::of(error) {
+        Some(advice) => advice.clone().after(text),
+        None => Error::msg(text),
+    }
 }
 
 /// Whether a file is a package or a system structure, by its name.

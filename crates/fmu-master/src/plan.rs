@@ -8,6 +8,7 @@ use fmu_description::{Causality, Type, Variable};
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
 use crate::input_table::InputTable;
+use crate::note::Note;
 use crate::start::{StartValue, StartValues, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
@@ -28,8 +29,8 @@ pub struct Plan {
     pub(crate) wiring: Wiring,
     /// The smallest and the largest value of each column that the model description allows.
     pub bounds: Vec<[Option<f64>; 2]>,
-    /// Choices of the master that the user may want to override, as sentences.
-    pub notes: Vec<String>,
+    /// Choices of the master that the user may want to override.
+    pub notes: Vec<Note>,
 }
 
 impl Plan {
@@ -248,47 +249,36 @@ fn recorded(components: &Components, names: &[String]) -> Result<Vec<(ScalarId, 
 /// The number of variables that a note names.
 const NAMED: usize = 8;
 
-/// Says which components were taken for sampled ones, and what could be recorded if nothing is.
-fn notes(components: &Components, recorded: &[ScalarId]) -> Vec<String> {
+/// Which components were taken for sampled ones, and what could be recorded if nothing is.
+fn notes(components: &Components, recorded: &[ScalarId]) -> Vec<Note> {
     let mut notes = Vec::new();
-    let is_noted = |index: usize| {
-        let LoadedComponent { sampled, is_guess, .. } = &components[index];
-        *sampled && *is_guess && recorded.iter().any(|id| id.component == index)
+    let named = |is_named: &dyn Fn(usize, &LoadedComponent) -> bool| {
+        let all = components.iter().enumerate();
+        let named = all.filter(|(index, component)| is_named(*index, component));
+        Vec::from_iter(named.map(|(_, component)| component.name.clone()))
     };
-    let guessed = (0..components.len()).filter(|index| is_noted(*index));
-    let guessed = Vec::from_iter(guessed.map(|index| components[index].name.as_str()));
+    let guessed = named(&|index, component| {
+        let is_recorded = || recorded.iter().any(|id| id.component == index);
+        component.sampled && component.is_guess && is_recorded()
+    });
     if !guessed.is_empty() {
-        notes.push(format!(
-            "sampled, because all outputs are discrete: {}; --sampled false records the outputs before each step, not after it",
-            guessed.join(", ")
-        ));
+        notes.push(Note::RecordedAfterStep(guessed));
     }
-    let in_sandbox = components.iter().filter(|c| c.fmu.is_component()).map(|c| c.name.as_str());
-    let in_sandbox = Vec::from_iter(in_sandbox);
+    let in_sandbox = named(&|_, component| component.fmu.is_component());
     if !in_sandbox.is_empty() {
-        notes.push(format!("run as WebAssembly components: {}", in_sandbox.join(", ")));
+        notes.push(Note::RunInSandbox(in_sandbox));
     }
     if recorded.is_empty() {
         let mut all =
             Vec::from_iter(components.scalars().filter(|p| unrecordable(components, p).is_none()));
         all.sort_by_key(|id| id.variable(components).causality != Causality::Output);
-        let names = all.iter().take(NAMED);
-        let names = names.map(|id| {
+        let recordable = all.iter().take(NAMED).map(|id| {
             let kind = id.variable(components).of_type;
             let version = id.fmu(components).version;
             format!("{} ({})", id.name(components), kind.name(version))
         });
-        let mut names = Vec::from_iter(names);
-        if all.len() > NAMED {
-            names.push(format!("and {} more", all.len() - NAMED));
-        }
-        notes.push(match names.is_empty() {
-            true => "nothing is recorded, because no variable can be recorded".to_owned(),
-            false => format!(
-                "nothing is recorded, because no output is a number or Boolean; --output can record {}",
-                names.join(", ")
-            ),
-        });
+        let more = all.len().saturating_sub(NAMED);
+        notes.push(Note::NothingRecorded { recordable: recordable.collect(), more });
     }
     notes
 }

@@ -14,6 +14,7 @@ use fmu_worker::{Ended, Event, Service, Worker};
 use serde::{Deserialize, Serialize};
 
 use crate::error::warn_of_calls;
+use crate::note::Note;
 use crate::simulation::Finished;
 use crate::summary::{Summarizer, Summary};
 use crate::table::{self, Cell, Column, Format};
@@ -28,11 +29,10 @@ enum Report<'a> {
     Row(Cow<'a, Row>),
     /// It needs the outputs of a function: its number, the time (s), and the inputs.
     Call(usize, f64, Cow<'a, [Value]>),
-    /// It has ended: what the FMUs have logged, the last row, the summary, the time that the simulation took,
-    /// and which FMU has ended it before the stop time.
-    Done(Vec<Message>, Cow<'a, Row>, Summary, Duration, Option<String>),
+    /// It has reached its end.
+    Completed(Completed),
     /// It has failed, or cannot begin.
-    Failed(RunError),
+    Failed(Box<RunError>),
 }
 
 /// A run that is about to begin.
@@ -46,8 +46,53 @@ pub struct Ready {
     pub end: f64,
     /// The recorded variables.
     pub columns: Vec<Column>,
-    /// Choices of the master that the user may want to override, as sentences.
-    pub notes: Vec<String>,
+    /// Choices of the master that the user may want to override.
+    pub notes: Vec<Note>,
+}
+
+/// A run that has reached its end, or that an FMU has ended.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Completed {
+    /// The messages of the FMUs.
+    pub messages: Vec<Message>,
+    /// The last row.
+    pub last: Row,
+    /// The summary of all rows.
+    pub summary: Summary,
+    /// The time that the simulation took, without loading and initializing the FMUs.
+    pub duration: Duration,
+    /// Which FMU has ended the simulation before the stop time, when and why.
+    pub ended: Option<String>,
+}
+
+/// Runs a plan in this process. `observe` receives each row, and returns false to end the run.
+///
+/// # Errors
+/// A call of an FMU has failed, or the run cannot begin.
+pub fn simulate(
+    plan: &Plan,
+    starts: &[StartValue],
+    messages: &Messages,
+    mut observe: impl FnMut(&Row) -> bool,
+) -> Result<Completed, Box<RunError>> {
+    // Loading the binaries and initializing the FMUs do not count as simulating.
+    let mut begin = Instant::now();
+    let mut summarizer = Summarizer::new(plan);
+    let finished = plan.simulate(starts, messages).and_then(|simulation| {
+        begin = Instant::now();
+        simulation.run(|row| {
+            summarizer.add(row);
+            observe(row)
+        })
+    });
+    let duration = begin.elapsed();
+    match finished {
+        Ok(Finished { messages, last, ended }) => {
+            let ended = ended.and_then(|ended| ended.early_end());
+            Ok(Completed { messages, last, summary: summarizer.summarize(), duration, ended })
+        }
+        Err(error) => Err(RunError::new(error, messages.take())),
+    }
 }
 
 /// Does the run that a supervisor has started this process for; see [`supervise`]. `plan` makes the plan and
@@ -75,27 +120,13 @@ pub fn work<P: Borrow<Plan>>(
     }));
     // The file for the rows can be written.
     let Some(()) = service.task()? else { return Ok(()) };
-    // Loading the binaries and initializing the FMUs do not count as simulating.
-    let mut begin = Instant::now();
-    let mut summarizer = Summarizer::new(plan);
-    let finished = plan.simulate(&starts, &messages).and_then(|simulation| {
-        begin = Instant::now();
-        simulation.run(|row| {
-            summarizer.add(row);
-            if records {
-                send(service, row);
-            }
-            true
-        })
-    });
-    let elapsed = begin.elapsed();
-    service.reply(&match finished {
-        Ok(Finished { messages, last, ended }) => {
-            let ended = ended.and_then(|ended| ended.early_end());
-            Report::Done(messages, Cow::Owned(last), summarizer.summarize(), elapsed, ended)
+    let completed = simulate(plan, &starts, &messages, |row| {
+        if records {
+            send(service, row);
         }
-        Err(error) => Report::Failed(RunError::new(error, messages.take())),
+        true
     });
+    service.reply(&completed.map_or_else(Report::Failed, Report::Completed));
     // The binaries are unloaded when the plan is dropped, which no longer matters to the run.
     Ok(())
 }
@@ -165,27 +196,19 @@ pub enum RunOutcome {
     /// A call of an FMU has failed or has ended the process, or the run cannot begin.
     Failed {
         /// The reason.
-        error: RunError,
+        error: Box<RunError>,
         /// The place of its rows.
         rows: String,
     },
 }
 
-/// A run that has reached its end.
+/// A run in a worker that has reached its end.
 #[derive(Debug)]
 pub struct FinishedRun {
     /// The run.
     pub ready: Ready,
-    /// What the FMUs have logged.
-    pub messages: Vec<Message>,
-    /// The last row.
-    pub last: Row,
-    /// The values of all rows.
-    pub summary: Summary,
-    /// The time that the simulation took, without loading and initializing the FMUs.
-    pub duration: Duration,
-    /// Which FMU has ended the simulation before the stop time, when and why.
-    pub ended: Option<String>,
+    /// The results besides the rows.
+    pub completed: Completed,
     /// The number of rows in the file, if one was written.
     pub rows: Option<u64>,
     /// How the process ended when it unloaded the binaries, unless it exited.
@@ -246,8 +269,13 @@ pub fn supervise(
                 continue;
             }
         };
-        if let Report::Row(row) | Report::Done(_, row, ..) = &report {
-            // What an FMU that writes out of bounds may have damaged.
+        let row = match &report {
+            Report::Row(row) => Some(&**row),
+            Report::Completed(completed) => Some(&completed.last),
+            _ => None,
+        };
+        if let Some(row) = row {
+            // An FMU that writes out of bounds may have damaged it.
             let fits = ready.as_ref().is_some_and(|ready| row.fits(&ready.columns));
             ensure!(fits, "the worker process has sent a damaged row");
         }
@@ -268,7 +296,7 @@ pub fn supervise(
                 ready = Some(new);
                 worker.send(&());
             }
-            Report::Done(messages, last, summary, duration, ended) => {
+            Report::Completed(completed) => {
                 let count = match rows.as_mut().map(Rows::complete).transpose() {
                     Ok(count) => count,
                     Err(error) => return unwritten(error, kept, rows),
@@ -276,23 +304,14 @@ pub fn supervise(
                 rows.map(Rows::place).transpose()?;
                 let ready = ready.context("the run has not begun")?;
                 warn_of_calls(worker, &ready.components, watch.warn);
-                let last = last.into_owned();
                 let crash = match watch.keeps_worker {
                     true => None,
                     false => Some(worker.end(FAREWELL)?).filter(
                         |ended| !matches!(ended, Ended::Exited(status) if status.code().is_some()),
                     ),
                 };
-                return Ok(RunOutcome::Finished(Box::new(FinishedRun {
-                    ready,
-                    messages,
-                    last,
-                    summary,
-                    duration,
-                    ended,
-                    rows: count,
-                    crash,
-                })));
+                let run = FinishedRun { ready, completed, rows: count, crash };
+                return Ok(RunOutcome::Finished(Box::new(run)));
             }
             Report::Failed(error) => {
                 let rows = if error.call.is_some() { keep(kept, rows) } else { String::new() };

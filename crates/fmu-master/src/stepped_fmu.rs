@@ -331,7 +331,8 @@ impl SteppedFmu {
                     };
                     let event = integrator.at_event(&mut self.component.recorded, self.time, set);
                     let what = variable.name.clone();
-                    let event = event.map_err(|error| self.component.to_error(error, what));
+                    let event =
+                        event.map_err(|error| self.component.integration_error(error, what));
                     self.with_time(event)?;
                 }
                 _ => {
@@ -431,7 +432,7 @@ pub fn serve(service: &mut Service, setup: &Setup) -> Result<()> {
             return Ok(());
         }
     };
-    service.reply(&Ok::<_, RunError>(Response::Time(fmu.time)));
+    service.reply(&Ok::<_, Box<RunError>>(Response::Time(fmu.time)));
     while let Some(request) = service.task()? {
         let response = fmu.fulfil(&request);
         fmu.messages.record().end_call();

@@ -1,6 +1,7 @@
 //! The summary of a run, made row by row on the worker side: the extremes and the RMS of each number, and alarms.
 
 use std::array::from_fn;
+use std::fmt;
 use std::ops::Range;
 
 use fmu_description::Type;
@@ -26,8 +27,60 @@ pub struct Statistics {
 pub struct Summary {
     /// One for each column; `None` if its values are not numbers.
     pub statistics: Vec<Option<Statistics>>,
-    /// Alarms, as sentences.
-    pub alarms: Vec<String>,
+    /// Alarms, by their kind in the order of [`Alarm`].
+    pub alarms: Vec<Alarm>,
+}
+
+/// Something that is probably wrong, in one column.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Alarm {
+    /// The kind of the alarm.
+    pub kind: AlarmKind,
+    /// The column, with numbers, such as `plant.x from t = 1.0 s`.
+    pub text: String,
+}
+
+/// The kind of an alarm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum AlarmKind {
+    /// A number is not finite.
+    NotFinite,
+    /// A value is beyond the bounds of the model description.
+    BeyondBounds,
+    /// The end of the run oscillates.
+    Oscillating,
+    /// A value moves away ever faster.
+    Diverging,
+}
+
+impl Summary {
+    /// A sentence for each kind of alarm, with the first columns.
+    pub fn sentences(&self) -> impl Iterator<Item = String> {
+        /// The number of columns that are named.
+        const NAMED: usize = 3;
+        self.alarms.chunk_by(|a, b| a.kind == b.kind).map(|alarms| {
+            let named = alarms.iter().take(NAMED).map(|alarm| alarm.text.clone());
+            let rest = alarms.len().saturating_sub(NAMED);
+            let more = (rest > 0).then(|| format!("and {rest} more"));
+            let (kind, named) = (alarms[0].kind, Vec::from_iter(named.chain(more)).join("; "));
+            let note = match kind {
+                AlarmKind::Oscillating => "; a limit cycle, unless the inputs oscillate like this",
+                _ => "",
+            };
+            format!("{kind}: {named}{note}")
+        })
+    }
+}
+
+impl fmt::Display for AlarmKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NotFinite => "not finite",
+            Self::BeyondBounds => "beyond the bounds of the model description",
+            Self::Oscillating => "oscillating in the last tenth of the run",
+            Self::Diverging => "diverging",
+        })
+    }
 }
 
 /// Oscillations are looked for in the last tenth of the rows, in this many windows.
@@ -238,7 +291,8 @@ impl<'a> Summarizer<'a> {
     pub(crate) fn summarize(self) -> Summary {
         let columns = &self.plan.columns;
         let mut statistics = Vec::new();
-        let [mut lost, mut bounds, mut oscillating, mut leaving] = from_fn(|_| Vec::new());
+        let mut alarms = Vec::new();
+        let mut alarm = |kind, text| alarms.push(Alarm { kind, text });
         for (place, (column, allowed)) in
             Row::places(columns).zip(columns.iter().zip(&self.plan.bounds))
         {
@@ -256,7 +310,8 @@ impl<'a> Summarizer<'a> {
             let rms = (squares / self.rows as f64).sqrt();
             statistics.push(Some(Statistics { min, max, rms }));
             if let Some(time) = self.lost[index] {
-                lost.push(format!("{} from t = {time:?} s", column.name));
+                let text = format!("{} from t = {time:?} s", column.name);
+                alarm(AlarmKind::NotFinite, text);
                 continue;
             }
             for (value, bound, word) in [(min, allowed[0], "minimum"), (max, allowed[1], "maximum")]
@@ -264,36 +319,23 @@ impl<'a> Summarizer<'a> {
                 if let Some(bound) = bound
                     && (value - bound) * if word == "minimum" { -1.0 } else { 1.0 } > 0.0
                 {
-                    bounds.push(format!(
-                        "{} reaches {}, its {word} is {bound:?}",
-                        column.name,
-                        with_unit(value, column)
-                    ));
+                    let value = with_unit(value, column);
+                    let text = format!("{} reaches {value}, its {word} is {bound:?}", column.name);
+                    alarm(AlarmKind::BeyondBounds, text);
                 }
             }
             let oscillation = self.turns[index].oscillation(self.window, VISIBLE * (max - min));
             if let Some((range, rows)) = oscillation {
                 let range = with_unit(range, column);
-                oscillating
-                    .push(format!("{} by {range}, reversing every {rows:.1} steps", column.name));
+                let text = format!("{} by {range}, reversing every {rows:.1} steps", column.name);
+                alarm(AlarmKind::Oscillating, text);
             }
             if let Some(end) = self.leaves(index) {
-                leaving.push(format!("{}, which ends at {}", column.name, with_unit(end, column)));
+                let text = format!("{}, which ends at {}", column.name, with_unit(end, column));
+                alarm(AlarmKind::Diverging, text);
             }
         }
-        let alarms = [
-            (lost, "not finite", ""),
-            (bounds, "beyond the bounds of the model description", ""),
-            (
-                oscillating,
-                "oscillating in the last tenth of the run",
-                "; a limit cycle, unless the inputs oscillate like this",
-            ),
-            (leaving, "diverging", ""),
-        ];
-        let alarms = alarms.into_iter().filter(|(found, ..)| !found.is_empty());
-        let alarms =
-            alarms.map(|(found, what, note)| format!("{what}: {}{note}", listed(&found))).collect();
+        alarms.sort_by_key(|alarm| alarm.kind);
         Summary { statistics, alarms }
     }
 
@@ -320,12 +362,4 @@ fn with_unit(value: f64, column: &Column) -> String {
         "" => format!("{value:.3e}"),
         unit => format!("{value:.3e} {unit}"),
     }
-}
-
-/// The first of some texts.
-fn listed(texts: &[String]) -> String {
-    const MOST: usize = 3;
-    let first = texts.iter().take(MOST).cloned();
-    let more = (texts.len() > MOST).then(|| format!("and {} more", texts.len() - MOST));
-    Vec::from_iter(first.chain(more)).join("; ")
 }

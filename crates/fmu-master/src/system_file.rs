@@ -8,6 +8,7 @@ use anyhow::{Context, Error, Result, anyhow};
 use toml::de::{DeTable, DeValue};
 
 use crate::fmu::Declared;
+use crate::note::Advice;
 use crate::package::is_package;
 use crate::{Component, Description, ssp};
 
@@ -42,9 +43,11 @@ impl Description {
         let parsed = toml::from_str(text);
         let mut description: Self = parsed.map_err(|error| {
             let text = error.to_string();
-            let is_sweep = text.contains("unknown field `parameter`");
-            let hint = if is_sweep { "\nit is a sweep, expected `cargo fmu sweep`" } else { "" };
-            anyhow!("{}{hint}", text.trim_end())
+            let text = text.trim_end();
+            match text.contains("unknown field `parameter`") {
+                true => Advice::Sweep.after(format!("{text}\nit is a sweep, expected ")),
+                false => anyhow!("{text}"),
+            }
         })?;
         for component in &mut description.components {
             component.fmu = file.with_file_name(&component.fmu);

@@ -6,6 +6,7 @@ mod columns;
 mod job;
 mod run;
 mod single;
+mod words;
 
 use pyo3::prelude::*;
 

@@ -10,9 +10,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use cargo_fmu::session::Session;
 use fmu_description::Value;
-use fmu_master::run::{Computed, RunOutcome, Watch, supervise};
+use fmu_master::run::{self, Completed, Computed, RunOutcome, Watch, supervise};
 use fmu_master::table::{self, Series, Tolerance};
-use fmu_master::{Column, Experiment, FailedCall, Message, Messages, Plan, RunError};
+use fmu_master::{
+    Column, Experiment, FailedCall, Message, Messages, Note, Plan, Row, RunError, Statistics,
+    Summary,
+};
 use fmu_worker::{Limits, Owned, Worker, available_memory};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
@@ -20,6 +23,7 @@ use pyo3::types::{PyByteArray, PyDict, PyString, PyTuple};
 
 use crate::columns::{Columns, from_python, to_python};
 use crate::job::{Job, Loaded, System, given};
+use crate::words;
 
 pyo3::import_exception!(fmu_master.result, FmuError);
 
@@ -30,17 +34,15 @@ const ROWS: usize = 256;
 /// Time limit of each call of an FMU.
 const CALL: Duration = Duration::from_secs(300);
 
-/// What has come of a run.
+/// The outcome of a run, with its rows.
 #[derive(Default)]
-struct Done {
+struct Outcome {
     columns: Vec<Column>,
     rows: Columns,
-    messages: Vec<Message>,
-    notes: Vec<String>,
+    notes: Vec<Note>,
     warnings: Vec<String>,
-    ended: Option<String>,
-    duration: Duration,
-    error: Option<RunError>,
+    /// `None` if it was cancelled.
+    end: Option<Result<Completed, Box<RunError>>>,
 }
 
 /// Runs systems, in worker processes or in this one.
@@ -84,13 +86,13 @@ impl Runner {
             ));
         }
         let system = given(system).map_err(error)?;
-        let (done, raised) = py.detach(|| {
+        let (outcome, raised) = py.detach(|| {
             let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
             let looked = Cell::new(Instant::now());
             let host = Host { progress, looked, raised: RefCell::default() };
             let mut kept = idle().pop().unwrap_or_default();
             *kept.functions.called() = Called { steps, raised: None };
-            let done = match self.program.is_empty() {
+            let outcome = match self.program.is_empty() {
                 false => in_worker(system, &self.program, self.keeps, &mut kept, &host),
                 true => in_this_process(system, &mut kept, &host),
             };
@@ -100,13 +102,13 @@ impl Runner {
             }
             match host.raised.take() {
                 Some(raised) => Err(raised),
-                None => Ok((done.map_err(error)?, raised)),
+                None => Ok((outcome.map_err(error)?, raised)),
             }
         })?;
         match raised {
             // Such as Ctrl-C.
             Some(raised) if !raised.is_instance_of::<PyException>(py) => Err(raised),
-            raised => into_python(py, done, raised),
+            raised => into_python(py, outcome, raised),
         }
     }
 
@@ -119,19 +121,59 @@ impl Runner {
     }
 }
 
-/// What has come of a run, as a dict, and what a function has raised.
-fn into_python(py: Python<'_>, done: Done, raised: Option<PyErr>) -> PyResult<Bound<'_, PyDict>> {
+/// The outcome of a run as a dict, with the exception of a function.
+fn into_python(
+    py: Python<'_>,
+    outcome: Outcome,
+    raised: Option<PyErr>,
+) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
-    dict.set_item("columns", done.rows.into_python(py, &done.columns)?)?;
+    dict.set_item("columns", outcome.rows.into_python(py, &outcome.columns)?)?;
+    dict.set_item("notes", Vec::from_iter(outcome.notes.iter().map(words::note)))?;
+    dict.set_item("warnings", outcome.warnings)?;
+    let messages = match outcome.end {
+        None => Vec::new(),
+        Some(Ok(completed)) => {
+            let Completed { messages, last, summary, duration, ended } = completed;
+            dict.set_item("alarms", Vec::from_iter(summary.sentences()))?;
+            dict.set_item("summary", statistics(py, &outcome.columns, &last, &summary)?)?;
+            dict.set_item("ended", ended)?;
+            dict.set_item("duration", duration.as_secs_f64())?;
+            messages
+        }
+        Some(Err(mut error)) => {
+            let messages = std::mem::take(&mut error.messages);
+            dict.set_item("error", error_arguments(*error))?;
+            messages
+        }
+    };
     let message = |m: Message| (m.instance, m.warning, m.text, m.times);
-    dict.set_item("messages", Vec::from_iter(done.messages.into_iter().map(message)))?;
-    dict.set_item("notes", done.notes)?;
-    dict.set_item("warnings", done.warnings)?;
-    dict.set_item("ended", done.ended)?;
-    dict.set_item("duration", done.duration.as_secs_f64())?;
-    dict.set_item("error", done.error.map(error_arguments))?;
+    dict.set_item("messages", Vec::from_iter(messages.into_iter().map(message)))?;
     dict.set_item("raised", raised)?;
     Ok(dict)
+}
+
+/// The statistics of each column of numbers, and its last value, by name.
+fn statistics<'py>(
+    py: Python<'py>,
+    columns: &[Column],
+    last: &Row,
+    summary: &Summary,
+) -> PyResult<Bound<'py, PyDict>> {
+    let all = PyDict::new(py);
+    for ((column, last), statistics) in
+        columns.iter().zip(last.values(columns)).zip(&summary.statistics)
+    {
+        let Some(Statistics { min, max, rms }) = statistics else { continue };
+        let one = PyDict::new(py);
+        for (key, value) in [("min", min), ("max", max), ("rms", rms)] {
+            one.set_item(key, value)?;
+        }
+        let last = last.as_real().or_else(|| last.as_whole().map(|whole| whole as f64));
+        one.set_item("last", last)?;
+        all.set_item(&column.name, one)?;
+    }
+    Ok(all)
 }
 
 /// The columns of a table that a sweep has written: name, unit and values, None where one is missing.
@@ -217,7 +259,7 @@ fn plan(py: Python<'_>, system: &str) -> PyResult<Plan> {
 }
 
 pub fn error(error: anyhow::Error) -> PyErr {
-    to_exception(RunError::new(error, Vec::new()))
+    to_exception(*RunError::new(error, Vec::new()))
 }
 
 /// The exception of an error.
@@ -227,7 +269,8 @@ pub fn to_exception(error: RunError) -> PyErr {
 
 /// The first arguments of `FmuError`: text, component, function and time (s).
 fn error_arguments(error: RunError) -> (String, Option<String>, Option<String>, Option<f64>) {
-    let (text, time) = (error.to_string(), error.time);
+    let advice = error.advice.as_ref().map(words::advice).unwrap_or_default();
+    let (text, time) = (format!("{error}{advice}"), error.time);
     match error.call {
         None => (text, None, None, None),
         Some(FailedCall { component, function, .. }) => {
@@ -336,7 +379,7 @@ fn in_worker(
     keeps: bool,
     kept: &mut Kept,
     host: &Host,
-) -> Result<Done> {
+) -> Result<Outcome> {
     let job = Job::Run(system);
     let mut process = match kept.worker.take() {
         Some((mut worker, session)) => {
@@ -348,7 +391,7 @@ fn in_worker(
             (start(&session, program, &job)?, session)
         }
     };
-    let done = RefCell::new(Done::default());
+    let rows = RefCell::new(Outcome::default());
     let times = Cell::new(None);
     let outcome = supervise(
         &mut process.0,
@@ -357,15 +400,15 @@ fn in_worker(
             keeps_rows: false,
             keeps_worker: keeps,
             is_cancelled: &|| host.look(times.get()),
-            warn: &|text| done.borrow_mut().warnings.push(text.to_owned()),
+            warn: &|text| rows.borrow_mut().warnings.push(text.to_owned()),
             progress: &|ready, time| {
                 times.set(Some((time, ready.experiment.start, ready.experiment.stop)));
             },
             row: &|ready, row| {
-                let mut done = done.borrow_mut();
-                done.rows.push(&ready.columns, row);
-                if done.columns.len() != ready.columns.len() {
-                    done.columns.clone_from(&ready.columns);
+                let mut rows = rows.borrow_mut();
+                rows.rows.push(&ready.columns, row);
+                if rows.columns.len() != ready.columns.len() {
+                    rows.columns.clone_from(&ready.columns);
                 }
             },
             compute: &|function, time, inputs| kept.functions.compute(function, time, inputs),
@@ -376,68 +419,48 @@ fn in_worker(
     if is_sound && matches!(process.0.poll(), Ok(None)) {
         kept.worker = Some(process);
     }
-    let mut done = done.into_inner();
-    match outcome {
-        RunOutcome::Cancelled { .. } => {}
-        RunOutcome::Failed { mut error, .. } => {
-            done.messages = std::mem::take(&mut error.messages);
-            done.error = Some(error);
-        }
+    let mut rows = rows.into_inner();
+    rows.end = match outcome {
+        RunOutcome::Cancelled { .. } => None,
+        RunOutcome::Failed { error, .. } => Some(Err(error)),
         RunOutcome::Finished(run) => {
             let crash = run.crash.map(|ended| format!("after the simulation, the process {ended}"));
-            done.warnings.extend(crash);
-            done.columns = run.ready.columns;
-            done.messages = run.messages;
-            done.notes = run.ready.notes;
-            done.ended = run.ended;
-            done.duration = run.duration;
+            rows.warnings.extend(crash);
+            (rows.columns, rows.notes) = (run.ready.columns, run.ready.notes);
+            Some(Ok(run.completed))
         }
-    }
-    Ok(done)
+    };
+    Ok(rows)
 }
 
 /// Runs a system in this process.
-fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Done> {
+fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Outcome> {
     let functions = kept.functions.clone();
     let compute = move |function, time, inputs: &[Value]| functions.compute(function, time, inputs);
     let messages = Messages::default();
-    let mut done = Done::default();
+    let mut outcome = Outcome::default();
     let (plan, starts) = match kept.loaded.plan(system, &compute) {
         Ok(planned) => planned,
         Err(error) => {
-            done.error = Some(RunError::new(error, Vec::new()));
-            return Ok(done);
+            outcome.end = Some(Err(RunError::new(error, Vec::new())));
+            return Ok(outcome);
         }
     };
     let (start, stop) = (plan.experiment.start, plan.experiment.stop);
-    let mut begin = Instant::now();
-    let finished = plan.simulate(&starts, &messages).and_then(|simulation| {
-        begin = Instant::now();
-        let (mut looked, mut rows, mut left) = (begin, 1, 1);
-        simulation.run(|row| {
-            done.rows.push(&plan.columns, row);
-            left -= 1;
-            if left > 0 {
-                return true;
-            }
-            let now = Instant::now();
-            rows = if now - looked < PERIOD / 2 { ROWS.min(2 * rows) } else { 1 };
-            (looked, left) = (now, rows);
-            !host.look(Some((row.time, start, stop)))
-        })
+    let (mut looked, mut rows, mut left) = (Instant::now(), 1, 1);
+    let end = run::simulate(plan, &starts, &messages, |row| {
+        outcome.rows.push(&plan.columns, row);
+        left -= 1;
+        if left > 0 {
+            return true;
+        }
+        let now = Instant::now();
+        rows = if now - looked < PERIOD / 2 { ROWS.min(2 * rows) } else { 1 };
+        (looked, left) = (now, rows);
+        !host.look(Some((row.time, start, stop)))
     });
-    done.duration = begin.elapsed();
-    done.columns.clone_from(&plan.columns);
-    done.notes.clone_from(&plan.notes);
-    match finished {
-        Ok(finished) => {
-            done.messages = finished.messages;
-            done.ended = finished.ended.and_then(|ended| ended.early_end());
-        }
-        Err(error) => {
-            done.messages = messages.take();
-            done.error = Some(RunError::new(error, Vec::new()));
-        }
-    }
-    Ok(done)
+    outcome.columns.clone_from(&plan.columns);
+    outcome.notes.clone_from(&plan.notes);
+    outcome.end = Some(end);
+    Ok(outcome)
 }

@@ -108,11 +108,13 @@ fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Respo
         loop {
             match worker.poll()? {
                 Some(Event::Replied) => {
-                    return worker.reply::<Result<Response, RunError>>()?.map_err(to_exception);
+                    return worker
+                        .reply::<Result<Response, Box<RunError>>>()?
+                        .map_err(|error| to_exception(*error));
                 }
                 Some(Event::Ended(ended)) => {
                     let names = [names.names()];
-                    return Err(to_exception(RunError::crash(worker, &names, &ended.to_string())));
+                    return Err(to_exception(*RunError::crash(worker, &names, &ended.to_string())));
                 }
                 None if looked.elapsed() >= PERIOD => {
                     looked = Instant::now();

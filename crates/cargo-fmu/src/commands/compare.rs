@@ -7,8 +7,8 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use fmu_master::table::{self, Tolerance};
 
-use crate::counted;
 use crate::plot::Page;
+use crate::ui;
 
 /// The results to compare, and how exactly.
 #[derive(Debug, Args)]
@@ -55,10 +55,10 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
     let differences = table::compare([&reference, &results], tolerance, holds);
     let differences =
         differences.with_context(|| format!("{} and {} cannot be compared", shown[0], shown[1]))?;
-    let variables = counted(reference.len() - 1, "variable");
+    let variables = ui::count(reference.len() - 1, "variable");
     match differences.first() {
         None => {
-            let rows = counted(reference[0].cells.len(), "row");
+            let rows = ui::count(reference[0].cells.len(), "row");
             writeln!(out, "the same within the tolerance: {variables}, {rows}")?;
         }
         Some(first) => {

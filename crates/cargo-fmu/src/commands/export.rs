@@ -8,6 +8,8 @@ use anyhow::Result;
 use fmu_build::{Options, Progress, Written};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::ui;
+
 /// Exports the models and prints the FMUs that were written.
 ///
 /// # Errors
@@ -27,7 +29,7 @@ pub fn build(options: &Options) -> Result<Vec<Written>> {
     let spinner = ProgressBar::new_spinner();
     spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?);
     spinner.enable_steady_tick(Duration::from_millis(100));
-    let print = |text: &str| spinner.suspend(|| crate::tell(format_args!("{text}")));
+    let print = |text: &str| spinner.suspend(|| ui::message(format_args!("{text}")));
     let written = fmu_build::export(options, &|progress| match progress {
         // Without a terminal, there is no spinner.
         Progress::Building(text) if spinner.is_hidden() => print(&format!("{text} ...")),

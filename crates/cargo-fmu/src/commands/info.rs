@@ -14,8 +14,7 @@ use fmu_file::archive::{Archive, DOCUMENTATION, ICON, ICON_3, MODEL_DESCRIPTION,
 use fmu_file::platform;
 use fmu_file::text::{about, plain};
 
-use crate::counted;
-use crate::table::lines;
+use crate::ui::{self, lines};
 
 /// Maximum width of a cell.
 const MAX_WIDTH: usize = 200;
@@ -232,7 +231,7 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
         0 => String::new(),
         invalid => format!(", without {invalid} invalid"),
     };
-    section(&format!("{}{left_out}", counted(rows.len() - 1, "variable")), &lines, out)
+    section(&format!("{}{left_out}", ui::count(rows.len() - 1, "variable")), &lines, out)
 }
 
 fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {

@@ -10,6 +10,8 @@ use fmu_master::is_fmu;
 
 use super::export::print_fmu;
 
+use crate::ui;
+
 /// What to merge.
 #[derive(Debug, Args)]
 pub struct MergeArgs {
@@ -34,7 +36,7 @@ fn fmu(file: &str) -> Result<PathBuf, &'static str> {
 pub fn run(args: &MergeArgs, out: &mut impl Write) -> Result<()> {
     let merged = merge(&args.files, &args.out)?;
     for note in &merged.notes {
-        crate::tell(format_args!("note: {note}"));
+        ui::message(format_args!("note: {note}"));
     }
     print_fmu(&args.out, merged.size, &merged.platforms.join(" "), out)
 }

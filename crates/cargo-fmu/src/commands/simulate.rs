@@ -21,11 +21,10 @@ use fmu_master::{
 use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::worker::{self, Limited};
-use crate::counted;
+use super::limits::Limited;
 use crate::plot::Page;
 use crate::session::{self, Session};
-use crate::table;
+use crate::ui;
 
 /// The FMU or system to simulate, and changes to it.
 #[derive(Debug, Args)]
@@ -110,7 +109,7 @@ pub fn supervise(
         keeps_rows: file.is_some(),
         keeps_worker: false,
         is_cancelled: &|| session.signal().is_some() || printer.borrow().failure.is_some(),
-        warn: &worker::warn,
+        warn: &ui::warn,
         progress: &|ready, time| {
             progress.show(ready.experiment, time);
             printer.borrow_mut().flush();
@@ -127,13 +126,13 @@ pub fn supervise(
     printer.into_inner().finish().context("cannot write to the standard output")?;
     match outcome {
         RunOutcome::Finished(finished) => {
-            warn(&finished.messages);
+            warn(&finished.completed.messages);
             if let (None, Some(device)) = (file, csv) {
                 replace::write(device, &fs::read(&unsaved)?)?;
             }
             report(&mut out, &finished)?;
             if let (Some(rows), Some(path)) = (finished.rows, csv) {
-                writeln!(out, "wrote {}: {}", path.display(), counted(rows, "row"))?;
+                writeln!(out, "wrote {}: {}", path.display(), ui::count(rows, "row"))?;
             }
             if let Some(rows) = rows {
                 let mut runs = vec![("this run".to_owned(), rows)];
@@ -141,17 +140,18 @@ pub fn supervise(
                 args.page.draw_runs(&stem(&args.system), &runs, &mut out)?;
             }
             if let Some(ended) = finished.crash {
-                worker::warn(&format!("after the simulation, the process {ended}"));
+                ui::warn(&format!("after the simulation, the process {ended}"));
             }
             Ok(ExitCode::SUCCESS)
         }
         RunOutcome::Failed { error, rows } => {
             warn(&error.messages);
-            bail!("{error}{rows}")
+            let advice = error.advice.as_ref().map(ui::advice).unwrap_or_default();
+            bail!("{error}{advice}{rows}")
         }
         RunOutcome::Cancelled { time, rows } => {
             let time = time.map(|time| format!(" at t = {time:?} s")).unwrap_or_default();
-            crate::tell(format_args!("interrupted{time}{rows}"));
+            ui::message(format_args!("interrupted{time}{rows}"));
             Ok(session.signal().map_or(ExitCode::FAILURE, session::code))
         }
     }
@@ -201,7 +201,7 @@ fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<StartValue>)> {
     let mut description = Description::open(&args.system)?;
     overrides.apply(&mut description);
     for warning in description.package.iter().flat_map(|package| &package.warnings) {
-        worker::warn(warning);
+        ui::warn(warning);
     }
     let plan = Plan::new(&description).map_err(|error| located(args, error))?;
     plan.set(description, &overrides.sets)
@@ -227,18 +227,18 @@ fn warn(messages: &[Message]) {
             times => format!(" ({times} times)"),
         };
         let from = if instance.is_empty() { "" } else { ": " };
-        worker::warn(&format!("{instance}{from}{text}{times}"));
+        ui::warn(&format!("{instance}{from}{text}{times}"));
     }
 }
 
 fn report(out: &mut impl Write, finished: &FinishedRun) -> Result<()> {
-    let (ready, last) = (&finished.ready, &finished.last);
-    let (columns, time) = (&ready.columns, last.time);
+    let (ready, completed) = (&finished.ready, &finished.completed);
+    let (columns, time) = (&ready.columns, completed.last.time);
     let last = format!("at t = {time} s");
     let titles = ["output", "minimum", "maximum", "RMS", &last, "unit"];
     let mut cells = vec![titles.map(str::to_owned)];
-    let rows = columns.iter().zip(finished.last.values(columns));
-    cells.extend(rows.zip(&finished.summary.statistics).map(|((c, value), statistic)| {
+    let rows = columns.iter().zip(completed.last.values(columns));
+    cells.extend(rows.zip(&completed.summary.statistics).map(|((c, value), statistic)| {
         let short = |number: fn(&Statistics) -> f64| {
             let number = statistic.as_ref().map(number);
             number.map_or_else(String::new, |number| format!("{number:.3e}"))
@@ -258,18 +258,18 @@ fn report(out: &mut impl Write, finished: &FinishedRun) -> Result<()> {
             c.unit.clone(),
         ]
     }));
-    for line in table::lines(&cells, false) {
+    for line in ui::lines(&cells, false) {
         writeln!(out, "{line}")?;
     }
-    for alarm in &finished.summary.alarms {
+    for alarm in completed.summary.sentences() {
         writeln!(out, "alarm: {alarm}")?;
     }
-    for line in ready.notes.iter().chain(&finished.ended) {
+    for line in ready.notes.iter().map(ui::note).chain(completed.ended.clone()) {
         writeln!(out, "{line}")?;
     }
-    let end = if finished.ended.is_some() { time } else { ready.end };
+    let end = if completed.ended.is_some() { time } else { ready.end };
     let simulated = end - ready.experiment.start;
-    let seconds = finished.duration.as_secs_f64();
+    let seconds = completed.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
     // Rounded, as the difference of two times may end with many nines.
     let simulated = (simulated * 1e9).round() / 1e9;

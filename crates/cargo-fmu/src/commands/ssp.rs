@@ -10,7 +10,7 @@ use fmu_file::replace;
 use fmu_master::Description;
 use fmu_master::ssp::Package;
 
-use super::worker;
+use crate::ui;
 
 /// The systems to package, and the output folder.
 #[derive(Debug, Args)]
@@ -53,7 +53,7 @@ pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
         let file = package.file.display();
         writeln!(out, "{file}  {} KB", size.div_ceil(1000))?;
         for warning in &package.warnings {
-            worker::warn(&format!("{file} {warning}"));
+            ui::warn(&format!("{file} {warning}"));
         }
     }
     Ok(())

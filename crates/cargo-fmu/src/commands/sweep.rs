@@ -12,11 +12,11 @@ use fmu_master::sweep::{Outline, Study, SweepProgress, Workers};
 use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::limits::Limited;
 use super::simulate::stem;
-use super::worker::{self, Limited};
-use crate::counted;
 use crate::plot::Page;
 use crate::session::{self, Session};
+use crate::ui;
 
 /// The sweep to run, and the destination of its rows.
 #[derive(Debug, Args)]
@@ -88,7 +88,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
             Ok(command)
         },
         is_cancelled: &|| session.signal().is_some(),
-        warn: &worker::warn,
+        warn: &ui::warn,
     };
     workers.limits = args.limited.limits(workers.count())?;
     let is_complete = if let Some(runs) = &args.rows {
@@ -104,10 +104,10 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
             false => write(&study, &workers, &file, out)?,
         };
         if let Some(SweepProgress { runs, failed, first_failure, .. }) = &written {
-            writeln!(out, "wrote {}: {}", file.display(), counted(*runs, "row"))?;
+            writeln!(out, "wrote {}: {}", file.display(), ui::count(*runs, "row"))?;
             args.page.draw_sweep(&stem(&args.sweep), &file, out)?;
             if let (true, Some((run, failure))) = (failed == runs, first_failure) {
-                let all = counted(*runs, "run");
+                let all = ui::count(*runs, "run");
                 bail!("{runs} of {all} failed, the first was run {run}: {failure}");
             }
         }
@@ -154,24 +154,24 @@ fn write(
     let (runs, before, done) = (progress.runs, progress.before, progress.done);
     let file = file.display();
     if !is_complete {
-        let (all, runs) = (before + done, counted(runs, "run"));
-        crate::tell(format_args!(
+        let (all, runs) = (before + done, ui::count(runs, "run"));
+        ui::message(format_args!(
             "interrupted; {all} of {runs} are in {file}.part; run the same command to resume"
         ));
         return Ok(None);
     }
     let rate = done as f64 / elapsed;
-    let done = counted(done, "run");
+    let done = ui::count(done, "run");
     writeln!(out, "{done} in {elapsed:.3} s: {rate:.0} a second")?;
     if before > 0 {
-        writeln!(out, "{} already done", counted(before, "run"))?;
+        writeln!(out, "{} already done", ui::count(before, "run"))?;
     }
     if let Some((run, failure)) = &progress.first_failure {
-        let failed = counted(progress.failed, "run");
+        let failed = ui::count(progress.failed, "run");
         writeln!(out, "{failed} failed, the first was run {run}: {failure}")?;
     }
     if let Some(first) = &progress.first_diverged {
-        let (diverged, runs) = (progress.diverged, counted(runs, "run"));
+        let (diverged, runs) = (progress.diverged, ui::count(runs, "run"));
         writeln!(out, "{diverged} of {runs} diverged or failed, the first: {first}")?;
     }
     if let Some((iae, best)) = &progress.best {

@@ -8,9 +8,8 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use fmu_check::{Findings, Probes, Severity, format};
 
-use crate::counted;
 use crate::session;
-use crate::style::{ERROR, OK, WARNING};
+use crate::ui::{self, ERROR, OK, WARNING};
 
 /// The FMUs to check, and how.
 #[derive(Debug, Args)]
@@ -109,7 +108,7 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
     }
     let count = |number: usize, what: &str| match number {
         0 => format!("no {what}"),
-        _ => counted(number, what),
+        _ => ui::count(number, what),
     };
     let errors = count(findings.errors(), "error");
     let warnings = count(findings.warnings(), "warning");

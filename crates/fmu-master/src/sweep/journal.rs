@@ -30,9 +30,10 @@ use std::path::{Path, PathBuf};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Error, Result, bail, ensure};
+use anyhow::{Context, Error, Result, ensure};
 use fmu_file::replace::Replacement;
 
+use crate::Advice;
 use crate::table::{self, Cell, Column, Format};
 
 /// The journal of a sweep, opened and locked.
@@ -80,7 +81,8 @@ impl Journal {
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                bail!("{shown} is in use by another process: wait for it, or give another --out")
+                let text = format!("{shown} is in use by another process: wait for it, or give ");
+                return Err(Advice::AnotherTable.after(text));
             }
             Err(TryLockError::Error(error)) => {
                 return Err(error).with_context(|| format!("cannot lock {shown}"));
@@ -238,10 +240,9 @@ impl Journal {
             bytes = header.to_vec();
             self.file.set_len(0).and_then(|()| self.file.write_all(&bytes))
         } else {
-            bail!(
-                "{} belongs to another sweep: delete it or give another --out",
-                self.path.display()
-            );
+            let text =
+                format!("{} belongs to another sweep: delete it or give ", self.path.display());
+            return Err(Advice::AnotherTable.after(text));
         };
         cut.with_context(|| self.cannot("write"))?;
         String::from_utf8(bytes).with_context(|| self.cannot("read"))
@@ -349,7 +350,7 @@ mod tests {
         }
         let expected = "# sweep 0abc\nindex,p,model\n2,0.2,linear\n0,0.0,\n";
         assert_eq!(fs::read_to_string(&part).unwrap(), expected);
-        let used = "a.csv.part is in use by another process: wait for it, or give another --out";
+        let used = "a.csv.part is in use by another process: wait for it, or give ";
         assert!(open(&output).unwrap_err().ends_with(used));
         let error = journal.finish(|_| ()).unwrap_err().to_string();
         assert!(error.ends_with("a.csv.part: missing runs: 2 of 4, the first is 1"));
@@ -384,7 +385,7 @@ mod tests {
     fn another_file_is_not_changed_and_a_damaged_one_is_rejected_with_the_line() {
         let (folder, output, part) = files();
         let (ours, other) = (header("0abc", &columns()), header("0abd", &columns()));
-        let foreign = " belongs to another sweep: delete it or give another --out";
+        let foreign = " belongs to another sweep: delete it or give ";
         let damaged = |line, why| format!(":{line}: {why}; delete the line to repeat the run");
         for (text, reason) in [
             (other, foreign.to_owned()),

@@ -47,7 +47,7 @@ pub(crate) enum TaskOutcome<R> {
     /// The reply of the worker.
     Reply(R),
     /// The worker ended.
-    Crash(RunError),
+    Crash(Box<RunError>),
 }
 
 /// Why a worker gets no more tasks.

@@ -20,7 +20,7 @@ use super::parameters::{Parameter, Parameters};
 use super::pool::{Pool, TaskOutcome, Workers};
 use crate::table::{self, Cell, Column};
 use crate::{
-    Description, Literal, Messages, Order, Place, Plan, Row, RunError, Sandbox, Simulation,
+    Advice, Description, Literal, Messages, Order, Place, Plan, Row, RunError, Sandbox, Simulation,
     StartValue, SystemOrigin, locate,
 };
 
@@ -189,9 +189,11 @@ impl Study {
         let text = fs::read_to_string(sweep)
             .with_context(|| format!("cannot read {}", sweep.display()))?;
         let file: SweepFile = toml::from_str(&text).map_err(|error| {
-            let is_system = error.message().contains("unknown field `component`");
-            let hint = if is_system { "it is a system, expected `cargo fmu simulate`" } else { "" };
-            anyhow!("{}: {error}{hint}", sweep.display())
+            let text = format!("{}: {error}", sweep.display());
+            match error.message().contains("unknown field `component`") {
+                true => Advice::Simulate.after(format!("{text}it is a system, expected ")),
+                false => anyhow!("{text}"),
+            }
         })?;
         Self::load(sweep, &text, file, system, fmus, input, sandbox)
             .map_err(|error| locate(error, sweep, &text))

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 
 
 _WORDS = {
-    r"`cargo fmu info (.+?)` lists its variables": r'`Instance("\1").variables` has its variables',
     r"expected `cargo fmu (simulate|sweep)`": r"expected `\1`",
-    "--sampled false records": "`sampled=False` of a component records",
-    "--output can record": "`output` can name",
     "another --out": "another `out`",
     "expected f64": "expected a number",
     r"(fmu-master-\S+: )TOML parse error .*\n.*\n\d+ \| (.*)\n.*\n": r"\1\2: ",
@@ -94,6 +91,9 @@ class Result(Mapping[str, np.ndarray]):
         What the FMUs have logged.
     notes : list of str
         Choices of the master that the user may want to override.
+    alarms : list of str
+        What is probably wrong: numbers that are not finite or beyond their bounds, that oscillate
+        or diverge.
     ended : str or None
         Which FMU has ended the run before the stop time, and why.
     duration : float
@@ -104,9 +104,11 @@ class Result(Mapping[str, np.ndarray]):
         self._columns = {name: _array(kind, data) for name, _, kind, data in columns}
         self.units = {name: unit for name, unit, _, _ in columns}
         self.messages = [Message(*message) for message in about.get("messages", ())]
-        self.notes = [in_python(note) for note in about.get("notes", ())]
+        self.notes: list[str] = about.get("notes", [])
+        self.alarms: list[str] = about.get("alarms", [])
         self.ended: str | None = about.get("ended")
         self.duration: float = about.get("duration", 0.0)
+        self._summary: dict[str, dict[str, float]] | None = about.get("summary")
 
     @classmethod
     def of(cls, columns: Mapping[str, Any], units: Mapping[str, str]) -> Self:
@@ -139,6 +141,8 @@ class Result(Mapping[str, np.ndarray]):
     @property
     def summary(self) -> dict[str, dict[str, float]]:
         """Minimum, maximum, RMS and last value of each column of numbers, by name."""
+        if self._summary is not None:
+            return self._summary
         others = list(self.items())[1:]
         numbers = {n: c.astype(float) for n, c in others if c.dtype != object and len(c)}
         return {

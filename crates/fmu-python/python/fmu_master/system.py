@@ -203,7 +203,7 @@ class System:
             done = runner.run(given, [function.step for function in functions], shown)
         for text in done["warnings"]:
             warnings.warn(text, stacklevel=2)
-        error, raised = done.pop("error"), done.pop("raised")
+        error, raised = done.pop("error", None), done.pop("raised")
         result = Result(**done)
         if error is not None:
             raise FmuError(*error, result) from raised

@@ -1,4 +1,4 @@
-//! What `simulate` and `sweep` have in common: the limits of their worker processes.
+//! The limits of the worker processes of `simulate` and `sweep`.
 
 use std::time::Duration;
 
@@ -6,8 +6,6 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use fmu_master::Sandbox;
 use fmu_worker::{Limits, available_memory};
-
-use crate::style::WARNING;
 
 /// The limits of worker processes.
 #[derive(Debug, Args)]
@@ -70,9 +68,4 @@ impl Limited {
             ..Limits::default()
         })
     }
-}
-
-/// Prints a warning.
-pub fn warn(text: &str) {
-    crate::tell(format_args!("{WARNING}warning:{WARNING:#} {text}"));
 }

@@ -15,7 +15,7 @@ use fmu_worker::Service;
 use super::export;
 use super::simulate::{self, SimulateArgs};
 use crate::session::{self, Session};
-use crate::style::ERROR;
+use crate::ui;
 
 /// The model to try out, and how.
 #[derive(Debug, Args)]
@@ -80,12 +80,12 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
             return Ok(session::code(signal));
         }
         if let Err(error) = ended {
-            crate::tell(format_args!("{ERROR}error:{ERROR:#} {}", format!("{error:#}").trim_end()));
+            ui::error(&error);
         }
         args.simulation.page.open = false;
         let waiting = format!("waiting for a change in {}\n", root.display());
         match args.simulation.prints_rows() {
-            true => crate::tell(format_args!("{waiting}")),
+            true => ui::message(format_args!("{waiting}")),
             false => writeln!(out, "{waiting}")?,
         }
         while !has_changed(root, target.as_std_path(), begin) {

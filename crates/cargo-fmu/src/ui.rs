@@ -1,0 +1,93 @@
+//! The words and the look of the command line: colours, tables, counts, notes, advice and errors.
+
+use std::fmt;
+use std::io::Write;
+
+use anstyle::{AnsiColor, Style};
+use anyhow::Error;
+use fmu_master::{Advice, Note};
+
+/// Failures.
+pub const ERROR: Style = AnsiColor::Red.on_default().bold();
+/// Warnings.
+pub const WARNING: Style = AnsiColor::Yellow.on_default().bold();
+/// Success.
+pub const OK: Style = AnsiColor::Green.on_default().bold();
+
+/// Prints a line for people to the standard error output, which may be closed.
+pub fn message(line: fmt::Arguments<'_>) {
+    let _ = writeln!(anstream::stderr(), "{line}");
+}
+
+/// Prints a warning.
+pub fn warn(text: &str) {
+    message(format_args!("{WARNING}warning:{WARNING:#} {text}"));
+}
+
+/// Prints an error with its advice.
+pub fn error(error: &Error) {
+    let advice = Advice::of(error).map(advice).unwrap_or_default();
+    let text = format!("{error:#}{advice}");
+    // Messages of the TOML parser already end with a line feed.
+    message(format_args!("{ERROR}error:{ERROR:#} {}", text.trim_end()));
+}
+
+/// A note in a line.
+pub fn note(note: &Note) -> String {
+    match note {
+        Note::RecordedAfterStep(components) => {
+            let verb = if components.len() == 1 { "is" } else { "are" };
+            let names = components.join(", ");
+            format!("note: {names} {verb} recorded after each step; use --sampled false for before")
+        }
+        Note::RunInSandbox(components) => {
+            format!("run as WebAssembly components: {}", components.join(", "))
+        }
+        Note::NothingRecorded { recordable, .. } if recordable.is_empty() => {
+            "nothing is recorded, because no variable can be recorded".to_owned()
+        }
+        Note::NothingRecorded { recordable, more } => {
+            let names = recordable.join(", ");
+            let more = if *more > 0 { format!(", and {more} more") } else { String::new() };
+            format!(
+                "nothing is recorded, because no output is a number or Boolean; --output can record {names}{more}"
+            )
+        }
+        Note::EndsBeforeStop { last, stop } => {
+            format!(
+                "the step size does not divide the run: it ends at t = {last} s, not at {stop} s"
+            )
+        }
+    }
+}
+
+/// The end of an error with this advice.
+pub fn advice(advice: &Advice) -> String {
+    match advice {
+        Advice::ListVariables(fmu) => format!("`cargo fmu info {fmu}` lists its variables"),
+        Advice::Simulate => "`cargo fmu simulate`".to_owned(),
+        Advice::Sweep => "`cargo fmu sweep`".to_owned(),
+        Advice::AnotherTable => "another --out".to_owned(),
+    }
+}
+
+/// A number of things, such as `1 row` or `2 rows`.
+pub fn count(number: impl ToString, thing: &str) -> String {
+    let number = number.to_string();
+    let ending = if number == "1" { "" } else { "s" };
+    format!("{number} {thing}{ending}")
+}
+
+/// The lines of rows, each column as wide as its widest cell; the first is left-aligned, and the others too if
+/// `left`.
+pub fn lines<const N: usize>(rows: &[[String; N]], left: bool) -> impl Iterator<Item = String> {
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
+    let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
+    rows.iter().map(move |row| {
+        let cells = row.iter().zip(widths).enumerate();
+        let cells = cells.map(|(column, (cell, width))| {
+            if left || column == 0 { format!("{cell:width$}") } else { format!("{cell:>width$}") }
+        });
+        Vec::from_iter(cells).join("  ").trim_end().to_owned()
+    })
+}
