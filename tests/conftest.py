@@ -21,7 +21,7 @@ from needs import (  # noqa: F401, hooks
     pytest_terminal_summary,
 )
 from pendulum_fmus import table1
-from pendulum_fmus.loop import Columns, Loop
+from pendulum_fmus.loop import Columns, Loop, workers
 from pendulum_fmus.master import Component
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT, SENSOR
 
@@ -143,10 +143,16 @@ def instance(fmus: Path) -> Iterator[Callable[..., Component]]:
 
 @pytest.fixture(scope="session")
 def table_results(fmus: Path, once: Callable[..., Path]) -> dict[Loop, Columns]:
-    """Return the results of all runs that Table 1 needs."""
+    """Return the results of all runs that Table 1 needs, by the native master.
+
+    `make demo` computes Table 1 with FMPy.
+    """
+    from pendulum_fmus.report.runs import simulate_all
 
     def write(folder: Path) -> None:
-        (folder / "results").write_bytes(pickle.dumps(table1.compute(fmus)))
+        with workers() as pool:
+            results = simulate_all(table1.runs(), fmus, pool)
+        (folder / "results").write_bytes(pickle.dumps(results))
 
     return pickle.loads((once("table1", write) / "results").read_bytes())
 

@@ -74,6 +74,22 @@ def table_1() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def test_table_1_confirms_every_number_and_shows_misses(table_results):
+    text, all_hold = table1.report(table_results)
+    assert all_hold, text
+    assert [text.count(f"%  {one}\n") for one in ("ok", "near", "fit")] == [12, 6, 4 + 2]
+    # Row 3: the expected numbers of the data file and the printed ones of the paper
+    for expected, printed in (8.25470629e-4, 8.2377e-4), (8.66148343e-4, 8.6502e-4):
+        assert f" {expected / printed - 1:+.1%}  near\n" in text
+    assert "Of the 18 numbers of Table 1, 12 are ok, 6 near, 0 missed." in text
+    assert max(map(len, text.splitlines())) <= 80
+    run = Loop("Pid", "step", 0.0)
+    wrong = {**table_results[run], "controller.e": np.array([-1.97e-3])}
+    text, all_hold = table1.report({**table_results, run: wrong})
+    assert not all_hold
+    assert text.count("MISSED") == 1
+
+
 def test_the_page_shows_every_number_of_table_1_as_printed(page):
     rows = page.xpath("//table[@class='table1']/tbody/tr")
     lines = [[cell.text_content().strip() for cell in row] for row in rows]

@@ -1,4 +1,4 @@
-"""Closed loops of the FMUs against the independent implementation; Table 1 of the paper.
+"""Closed loops of the FMUs against the independent implementation.
 
 `test_controllers.py` and `test_plant.py` compare all settings of one FMU.
 """
@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import reference
-from pendulum_fmus import table1
 from pendulum_fmus.loop import TS, Loop
 from pendulum_fmus.master import simulate
 from pendulum_fmus.table1 import agrees
@@ -49,25 +48,6 @@ def test_loop_agrees_sample_by_sample(fmus, controller, signal, options):
         scale = np.maximum(1.0, np.maximum.accumulate(np.abs(column)))
         worst = int(np.argmax(np.abs(computed[name] - column) / scale))
         assert abs(computed[name][worst] - column[worst]) <= 1e-10 * scale[worst], (name, worst)
-
-
-# --- Table 1 ------------------------------------------------------------------------------------
-
-
-def test_the_report_confirms_every_number_and_shows_misses(table_results):
-    text, all_hold = table1.report(table_results)
-    assert all_hold, text
-    assert [text.count(f"%  {one}\n") for one in ("ok", "near", "fit")] == [12, 6, 4 + 2]
-    # Row 3: the expected numbers of the data file and the printed ones of the paper
-    for expected, printed in (8.25470629e-4, 8.2377e-4), (8.66148343e-4, 8.6502e-4):
-        assert f" {expected / printed - 1:+.1%}  near\n" in text
-    assert "Of the 18 numbers of Table 1, 12 are ok, 6 near, 0 missed." in text
-    assert max(map(len, text.splitlines())) <= 80
-    run = Loop("Pid", "step", 0.0)
-    wrong = {**table_results[run], "controller.e": np.array([-1.97e-3])}
-    text, all_hold = table1.report({**table_results, run: wrong})
-    assert not all_hold
-    assert text.count("MISSED") == 1
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def described(loop: Loop) -> dict:
 def test_the_loops_of_table_1_have_the_bits_of_the_native_fmus(
     engine, request, components, table_results
 ):
-    """By FMPy, 20000 steps. A row has the outputs of the sample that a controller takes then."""
+    """20000 steps. A row has the outputs of the sample that a controller takes then."""
     loops = [loop for loop in table_results if not loop.w0]
     assert len(loops) == 12
     couple = in_node() if engine == "node" else in_chromium(request.getfixturevalue("page"))
