@@ -7,8 +7,7 @@ use crate::unit::{self, Unit};
 use crate::variable::Variable;
 use crate::xml::Element;
 use crate::{
-    Causality, Dynamics, FmiVersion, Initial, LOG_CATEGORIES, MODEL_CATEGORY, Type, Value,
-    Variability, fmi2, fmi3,
+    Causality, Dynamics, FmiVersion, Initial, LogCategory, Type, Value, Variability, fmi2, fmi3,
 };
 
 /// Where a model comes from.
@@ -78,11 +77,10 @@ impl ExportedModel {
             .with("stopTime", stop)
             .with("tolerance", tolerance)
             .with("stepSize", step);
-        let known = |(name, _): &(_, _)| self.has_log || *name != MODEL_CATEGORY;
-        let categories = LOG_CATEGORIES.into_iter().filter(known).map(|(name, description)| {
+        let categories = LogCategory::of_model(self.has_log).map(|category| {
             Element::new("Category")
-                .with("name", name.to_string_lossy())
-                .with("description", description)
+                .with("name", category.name().to_string_lossy())
+                .with("description", category.description())
         });
         let root = match version {
             FmiVersion::Fmi2 => fmi2::interfaces(self, &writer.variables, root),

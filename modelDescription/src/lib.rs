@@ -56,4 +56,4 @@ pub use value::Value;
 #[cfg(feature = "xml")]
 pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
 pub use variables::{Choice, StateError, StateReader, StateWriter, Variables};
-pub use vocabulary::{Causality, Initial, LOG_CATEGORIES, MODEL_CATEGORY, Type, Variability};
+pub use vocabulary::{Causality, Initial, LogCategory, Type, Variability};

@@ -1,6 +1,6 @@
 //! The keywords of FMI for variables and capabilities.
 
-use std::ffi::CStr;
+use std::ffi::{CStr, c_int};
 
 use serde::{Deserialize, Serialize};
 
@@ -133,20 +133,64 @@ macro_rules! types {
     };
 }
 
-/// Names and descriptions of the log categories of FMUs that `fmu-export` makes (FMI 2.0.5, section
-/// 2.2.4).
-pub const LOG_CATEGORIES: [(&CStr, &str); 7] = [
-    (c"logStatusError", "calls and steps that failed"),
-    (c"logStatusWarning", "calls that are unusual, but worked"),
-    (c"logStatusDiscard", "steps that were discarded, and changed nothing"),
-    (c"logStatusFatal", "failures after which the instance is dead"),
-    (c"logEvents", "state changes of the FMU"),
-    (MODEL_CATEGORY, "messages of the model"),
-    (c"logAll", "all messages"),
-];
+/// A log category of FMUs that `fmu-export` makes (FMI 2.0.5, section 2.2.4), in the order of the XML.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "they have descriptions")]
+pub enum LogCategory {
+    Error,
+    Warning,
+    Discard,
+    Fatal,
+    Events,
+    Model,
+    All,
+}
 
-/// The category that only models with a log have.
-pub const MODEL_CATEGORY: &CStr = c"logModel";
+impl LogCategory {
+    /// The categories of a model: only one with a log of its own has the category for it.
+    pub fn of_model(has_log: bool) -> impl Iterator<Item = Self> {
+        use LogCategory::{All, Discard, Error, Events, Fatal, Model, Warning};
+        let all = [Error, Warning, Discard, Fatal, Events, Model, All];
+        all.into_iter().filter(move |category| has_log || *category != Model)
+    }
+
+    /// Its name.
+    pub const fn name(self) -> &'static CStr {
+        match self {
+            Self::Error => c"logStatusError",
+            Self::Warning => c"logStatusWarning",
+            Self::Discard => c"logStatusDiscard",
+            Self::Fatal => c"logStatusFatal",
+            Self::Events => c"logEvents",
+            Self::Model => c"logModel",
+            Self::All => c"logAll",
+        }
+    }
+
+    /// The status that goes with its messages, with the number that it has in both versions of FMI.
+    pub const fn status(self) -> c_int {
+        match self {
+            Self::Events | Self::Model | Self::All => 0,
+            Self::Warning => 1,
+            Self::Discard => 2,
+            Self::Error => 3,
+            Self::Fatal => 4,
+        }
+    }
+
+    /// Its description in the XML.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Error => "calls and steps that failed",
+            Self::Warning => "calls that are unusual, but worked",
+            Self::Discard => "steps that were discarded, and changed nothing",
+            Self::Fatal => "failures after which the instance is dead",
+            Self::Events => "state changes of the FMU",
+            Self::Model => "messages of the model",
+            Self::All => "all messages",
+        }
+    }
+}
 
 impl Initial {
     /// The default of a missing `initial` (FMI 2.0.5, section 2.2.7); `None` for inputs and the

@@ -10,13 +10,13 @@ use std::rc::Rc;
 use dormand_prince::solver::Workspace;
 use fmi_abi::state::State;
 use fmi_abi::{Call, FmiVersion};
-use fmu_description::Variability;
 use fmu_description::interface::GUID_LENGTH;
+use fmu_description::{LogCategory, Variability};
 
 use crate::error::{ModelError, Severity, ensure};
 use crate::laid_out::{AnyModel, Variant};
 use crate::lifecycle::{InstanceType, Lifecycle};
-use crate::log::{Category, Log};
+use crate::log::Log;
 use crate::resources::Folder;
 
 /// The status of a call, numbered like the statuses of FMI, so that converting it is free.
@@ -230,7 +230,7 @@ impl Instance {
     pub(crate) fn refuse(&self, call: &Call, reason: &str) -> Status {
         let name = call.name;
         let message = format_args!("{name}: {reason}");
-        self.shared.settings.log.send(Category::Error, message);
+        self.shared.settings.log.send(LogCategory::Error, message);
         Status::Error
     }
 
@@ -242,8 +242,8 @@ impl Instance {
         let mut allowed: Vec<String> = all.map(|(_, name)| (*name).to_owned()).collect();
         allowed.dedup();
         let (category, status) = match state {
-            State::Fatal => (Category::Fatal, Status::Fatal),
-            _ => (Category::Error, Status::Error),
+            State::Fatal => (LogCategory::Fatal, Status::Fatal),
+            _ => (LogCategory::Error, Status::Error),
         };
         self.shared.settings.log.send(
             category,
@@ -267,7 +267,7 @@ impl Instance {
                 self.enter(State::StepFailed);
             }
             let message = format_args!("{}: {}", call.name, error.reason());
-            self.shared.settings.log.send(Category::Discard, message);
+            self.shared.settings.log.send(LogCategory::Discard, message);
             return Status::Discard;
         }
         if error.severity() == Severity::Broken {
@@ -289,7 +289,7 @@ impl Instance {
     pub(crate) fn enter(&mut self, state: State) {
         self.shared.lifecycle.state = state;
         let message = format_args!("state: {}", state.name());
-        self.shared.settings.log.send(Category::Events, message);
+        self.shared.settings.log.send(LogCategory::Events, message);
     }
 
     pub(crate) fn switch_log(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
@@ -339,7 +339,7 @@ impl Instance {
         if !warned.contains(&deviation) {
             warned.push(deviation);
             let message = format_args!("{deviation}, which the standard does not allow");
-            settings.log.send(Category::Warning, message);
+            settings.log.send(LogCategory::Warning, message);
         }
     }
 

@@ -2,11 +2,12 @@
 
 use fmi_abi::state::State;
 use fmi_abi::{Call, Group};
+use fmu_description::LogCategory;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::SampleClock;
 use crate::error::{ModelError, ensure};
-use crate::log::{Category, Log};
+use crate::log::Log;
 
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;
@@ -172,7 +173,7 @@ impl Lifecycle {
         );
         if is_first && late > tolerance {
             log.send(
-                Category::Warning,
+                LogCategory::Warning,
                 format_args!(
                     "{call}: the first step starts at {time}, not at the start time {start}"
                 ),

@@ -3,55 +3,26 @@
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
-use std::ffi::{CStr, c_int};
+use std::ffi::CStr;
 use std::fmt::{Arguments, Debug, Display, Formatter};
 use std::mem;
 use std::panic::{AssertUnwindSafe, Location, PanicHookInfo, catch_unwind};
 use std::rc::Rc;
 use std::sync::Once;
 
-use fmu_description::{LOG_CATEGORIES, MODEL_CATEGORY};
+use fmu_description::LogCategory;
 
 use crate::error::ModelError;
 
-/// A log category: its position in [`LOG_CATEGORIES`], whose last category includes all others.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Category {
-    Error,
-    Warning,
-    Discard,
-    Fatal,
-    Events,
-    Model,
-}
+const EVERY: u8 = STATUSES | bit(LogCategory::Events) | bit(LogCategory::Model);
+const STATUSES: u8 = bit(LogCategory::Events) - 1;
 
-const EVERY: u8 = STATUSES | Category::Events.bit() | Category::Model.bit();
-const STATUSES: u8 = Category::Events.bit() - 1;
-
-impl Category {
-    const fn bit(self) -> u8 {
-        1 << self as u8
-    }
-
-    /// The status that goes with a message, with the number that it has in both versions.
-    pub(crate) fn status(self) -> c_int {
-        match self {
-            Self::Events | Self::Model => 0,
-            Self::Warning => 1,
-            Self::Discard => 2,
-            Self::Error => 3,
-            Self::Fatal => 4,
-        }
-    }
-
-    /// The name of the category in FMI.
-    pub(crate) fn name(self) -> &'static CStr {
-        LOG_CATEGORIES[self as usize].0
-    }
+const fn bit(category: LogCategory) -> u8 {
+    1 << category as u8
 }
 
 /// Sends a message to the host.
-pub(crate) type Sink = Box<dyn Fn(Category, &str)>;
+pub(crate) type Sink = Box<dyn Fn(LogCategory, &str)>;
 
 /// The log of an instance: a model writes to it by a field with the attribute `log`, which the instance connects.
 /// The log of a struct without an instance is silent.
@@ -105,18 +76,18 @@ impl Debug for Log {
 impl Log {
     /// Says what happens: status OK, category `logModel`, which is enabled with debug logging only.
     pub fn info(&self, message: impl Display) {
-        self.send(Category::Model, format_args!("{message}"));
+        self.send(LogCategory::Model, format_args!("{message}"));
     }
 
     /// Says what is unusual: status warning, category `logStatusWarning`.
     pub fn warning(&self, message: impl Display) {
-        self.send(Category::Warning, format_args!("{message}"));
+        self.send(LogCategory::Warning, format_args!("{message}"));
     }
 
     /// Says what is wrong though the simulation goes on: status error, category `logStatusError`. A step that fails
     /// returns a [`ModelError`] instead.
     pub fn error(&self, message: impl Display) {
-        self.send(Category::Error, format_args!("{message}"));
+        self.send(LogCategory::Error, format_args!("{message}"));
     }
 
     /// Creates a log with the status categories enabled until the host disables them; the others are enabled if
@@ -135,13 +106,12 @@ impl Log {
         has_own: bool,
     ) -> Result<(), ModelError> {
         let mut set = 0;
-        for &category in categories {
-            let mut known = LOG_CATEGORIES.iter().map(|(name, _)| *name);
-            let index =
-                known.position(|name| name == category && (has_own || name != MODEL_CATEGORY));
-            set |= match index.ok_or_else(|| unknown(category, has_own))? {
-                index if index > Category::Model as usize => EVERY,
-                index => 1 << index,
+        for &name in categories {
+            let mut known = LogCategory::of_model(has_own);
+            let category = known.find(|category| category.name() == name);
+            set |= match category.ok_or_else(|| unknown(name, has_own))? {
+                LogCategory::All => EVERY,
+                category => bit(category),
             };
         }
         if let Some(open) = &self.0 {
@@ -160,14 +130,14 @@ impl Log {
     #[inline(never)]
     pub(crate) fn send_panic(&self, function: &str, what: &str, panic: Box<dyn Any + Send>) {
         let (place, text) = (take_place_of_panic(), text_of_panic(&*panic));
-        self.send(Category::Fatal, format_args!("{function}: {place}{what}: {text}"));
+        self.send(LogCategory::Fatal, format_args!("{function}: {place}{what}: {text}"));
         discard(panic);
     }
 
     /// Sends a message. It is formatted only if its category is enabled.
-    pub(crate) fn send(&self, category: Category, message: Arguments<'_>) {
+    pub(crate) fn send(&self, category: LogCategory, message: Arguments<'_>) {
         if let Some(open) = &self.0
-            && open.on.get() & category.bit() != 0
+            && open.on.get() & bit(category) != 0
         {
             (open.sink)(category, &message.to_string());
         }
@@ -181,8 +151,8 @@ pub(crate) fn discard(panic: Box<dyn Any + Send>) {
 }
 
 fn unknown(category: &CStr, has_own: bool) -> ModelError {
-    let known = LOG_CATEGORIES.iter().filter(|(name, _)| has_own || *name != MODEL_CATEGORY);
-    let known: Vec<_> = known.map(|(name, _)| name.to_string_lossy().into_owned()).collect();
+    let known = LogCategory::of_model(has_own).map(LogCategory::name);
+    let known: Vec<_> = known.map(|name| name.to_string_lossy().into_owned()).collect();
     let known = known.join(", ");
     let category = category.to_string_lossy();
     ModelError::refuse(format_args!(

@@ -9,9 +9,9 @@ use std::rc::Rc;
 use fmi_abi::fmi2::calls;
 use fmi_abi::state::State;
 use fmi_abi::{Call, FmiVersion};
-use fmu_description::Causality;
 use fmu_description::ScalarVariable;
 use fmu_description::interface::GUID_LENGTH;
+use fmu_description::{Causality, LogCategory};
 
 pub use fmu_description::Value;
 
@@ -19,7 +19,7 @@ use crate::error::{ModelError, Severity, ensure};
 use crate::fast;
 use crate::instance::{Edge, Instance, Pointer, Settings, Status};
 use crate::laid_out::LaidOut;
-use crate::log::{Category, Log};
+use crate::log::Log;
 use crate::model::Model;
 use crate::values::HostValue;
 
@@ -128,9 +128,9 @@ impl<M: Drive> Driver<M> {
         let DrivenInstance(mut instance) = M::INSTANCE(model);
         let log = Rc::<RefCell<Vec<Message>>>::default();
         let messages = Rc::clone(&log);
-        let sink = move |category: Category, text: &str| {
+        let sink = move |category: LogCategory, text: &str| {
             let category_name = category.name().to_string_lossy().into_owned();
-            if category != Category::Events {
+            if category != LogCategory::Events {
                 let message = Message { category: category_name, text: text.to_owned() };
                 messages.borrow_mut().push(message);
             }

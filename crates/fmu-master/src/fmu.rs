@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
 use fmu_description::{
-    Causality, FmiVersion, LOG_CATEGORIES, ModelDescription, Type, Value, Variable, XmlVariable,
+    Causality, FmiVersion, LogCategory, ModelDescription, Type, Value, Variable, XmlVariable,
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
@@ -401,7 +401,7 @@ fn problems(root: &Element<'_>) -> Vec<CString> {
     let declared = root.list("LogCategories", "Category").filter_map(|c| c.attribute("name"));
     let of_statuses = declared.filter(|name| name.starts_with("logStatus"));
     let known = |name: &str| {
-        let mut known = LOG_CATEGORIES.iter().map(|(known, _)| *known);
+        let mut known = LogCategory::of_model(true).map(LogCategory::name);
         known.find(|known| known.to_bytes() == name.as_bytes())
     };
     let problems = Vec::from_iter(of_statuses.filter_map(known).map(ToOwned::to_owned));

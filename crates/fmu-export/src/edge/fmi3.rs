@@ -19,7 +19,7 @@ use std::rc::Rc;
 pub use fmi_abi::fmi3::*;
 use fmi_abi::state::State;
 use fmi_abi::{FmiVersion, c_type, fmi3_functions};
-use fmu_description::{Type, Value};
+use fmu_description::{LogCategory, Type, Value};
 
 use super::instantiate;
 use crate::entry::Entry;
@@ -28,7 +28,7 @@ use crate::fast::{free, instance_at, shared};
 use crate::instance::{Edge, Instance, IntermediateUpdate, Settings, Status};
 use crate::laid_out::SolverVector;
 use crate::lifecycle::InstanceType;
-use crate::log::{Category, Log, Sink};
+use crate::log::{Log, Sink};
 use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
 use crate::resources::Folder;
 use crate::step::{Next, Results, Stepping};
@@ -150,7 +150,7 @@ pub unsafe fn instantiate_scheduled_execution(
 ) -> fmi3Instance {
     let log = Log::new(sink(environment, log_message), false);
     let message = format_args!("fmi3InstantiateScheduledExecution: {SCHEDULED}");
-    log.send(Category::Error, message);
+    log.send(LogCategory::Error, message);
     std::ptr::null_mut()
 }
 

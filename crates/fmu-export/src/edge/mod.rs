@@ -11,13 +11,12 @@
 use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use fmu_description::{Type, Value};
+use fmu_description::{LogCategory, Type, Value};
 
 use crate::entry::Entry;
 use crate::error::ModelError;
 use crate::instance::{Instance, Pointer, Settings};
 use crate::lifecycle::InstanceType;
-use crate::log::Category;
 use crate::pointers::{c_text, texts};
 use crate::values::HostValue;
 
@@ -169,7 +168,7 @@ fn instantiate(
             Ok((instance_type, entry)) => entry.create(Settings { instance_type, ..settings }),
             Err(reason) => {
                 let message = format_args!("{function}: {reason}");
-                settings.log.send(Category::Error, message);
+                settings.log.send(LogCategory::Error, message);
                 std::ptr::null_mut()
             }
         }

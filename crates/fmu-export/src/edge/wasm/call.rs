@@ -1,5 +1,6 @@
 //! The call that a host makes, and its end by a panic.
 
+use fmu_description::LogCategory;
 use std::cell::Cell;
 use std::panic::PanicHookInfo;
 use std::ptr::null_mut;
@@ -9,7 +10,7 @@ use crate::canonical::Answer;
 use crate::edge::fmi3::{fmi3OK, fmi3Status};
 use crate::fast::instance_at;
 use crate::instance::Pointer;
-use crate::log::{Category, text_of_panic};
+use crate::log::text_of_panic;
 
 thread_local! {
     /// The instance of the current call, whose log has the message of a panic.
@@ -39,6 +40,6 @@ pub(super) fn report_panic(panic: &PanicHookInfo<'_>) {
         let place = panic.location().map_or_else(String::new, |place| format!("{place}: "));
         let text = text_of_panic(panic.payload());
         let message = format_args!("{place}the model panicked, and the component ends: {text}");
-        c.shared.settings.log.send(Category::Fatal, message);
+        c.shared.settings.log.send(LogCategory::Fatal, message);
     }
 }
