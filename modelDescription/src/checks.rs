@@ -125,9 +125,10 @@ const fn row(rows: &'static [TableRow], index: usize) -> &'static [TableRow] {
     rows.split_at(index).1.split_at(1).0
 }
 
-/// Fails the compilation if two variables have the same name, a name is too long, or a variable
-/// depends on one that does not exist. The derive macros check the rest.
-pub const fn check<const N: usize>(scalars: &[ScalarVariable; N]) {
+/// Fails the compilation if two variables have the same name, a name is too long, a variable depends on one that does
+/// not exist, or the integrator of a model would ignore the derivative of an input. The derive macros check the rest.
+#[track_caller]
+pub const fn check<const N: usize>(scalars: &[ScalarVariable; N], is_integrated: bool) {
     each_variable!(i, scalar in scalars => {
         assert!(
             scalar.last_name_length() <= MAX_NAME,
@@ -145,6 +146,10 @@ pub const fn check<const N: usize>(scalars: &[ScalarVariable; N]) {
                 );
             });
         }
+        assert!(
+            !(is_integrated && scalar.variable.has_input_derivative),
+            "an input with the option `derivative` needs a step that uses it: #[model(continuous, step = Self::step)]"
+        );
         // Of generic structs, which are not checked where they are derived.
         assert!(
             scalar.variable.bounds.have_values(),
@@ -158,6 +163,7 @@ pub const fn check<const N: usize>(scalars: &[ScalarVariable; N]) {
 
 /// Fails the compilation if the number of elements in use of an array is no structural parameter, or may
 /// exceed the array.
+#[track_caller]
 const fn check_size(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
     let Some(size) = scalar.size_parameter(scalars) else { return };
     assert!(size < scalars.len(), "`size` names a variable that does not exist");
@@ -174,6 +180,7 @@ const fn check_size(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
 }
 
 /// Fails the compilation if a state has no derivative, or a derivative no state.
+#[track_caller]
 const fn check_dynamics(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
     match scalar.variable.dynamics {
         Dynamics::State => {

@@ -32,11 +32,7 @@ pub struct Entry {
 /// [`Overrides::of`]. An invalid table fails the compilation here.
 pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) -> Interface {
     let scalars = LaidOut::<M, N>::ROWS;
-    check(scalars);
-    assert!(
-        !(M::IS_INTEGRATED && LaidOut::<M, N>::HAS_INPUT_DERIVATIVES),
-        "an input with the option `derivative` needs a step that uses it: #[model(continuous, step = Self::step)]"
-    );
+    check(scalars, M::IS_INTEGRATED);
     let variant = match variant {
         Some(text) => Overrides::of(M::NAME, text),
         None => None,
