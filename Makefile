@@ -1,5 +1,5 @@
 # The project's main jobs, listed by `make help`. They need a Rust toolchain, Python 3.11 or newer and a C
-# compiler. Python packages are installed to target/venv in the versions of requirements.lock.
+# compiler. Python packages are installed to target/venv in the versions of uv.lock.
 
 PYTHON ?= python3
 VENV := target/venv
@@ -11,7 +11,8 @@ REPORT ?= target/report
 BUILT ?= target/built
 MERGED ?= target/merged
 
-# uv does not read pip's configuration, so pip's index is passed to it.
+# uv does not read pip's configuration, so pip's index is passed to it. `uv sync` would fetch the files that uv.lock
+# names from PyPI, also where only a mirror can be reached.
 UV_SETTINGS := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pip config list \
 	| sed -n "s/^[^ ]*[.]index-url='\(.*\)'/\1/p" | tail -1)}
 UV := $(UV_SETTINGS) $(RUN) -m uv
@@ -32,7 +33,6 @@ BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
 RUST := --workspace --exclude fmi-judge --exclude fuzz --exclude bench
 # The command line, with the features that it has in the tests, so that it is built once.
 FMU := target/debug/cargo-fmu
-GROUPS := test importers lint portable bench judge node wheel setup
 
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
@@ -229,31 +229,28 @@ fuzz:
 	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
 		cargo test --locked --package fmu-export --test c_interface -- sequences saved fast_path
 
-## lock: write the versions of all Python packages to requirements.lock; delete it first to upgrade
+## lock: write the versions of all Python packages to uv.lock; delete it first to upgrade
 lock: $(RUN)
-	$(UV) pip compile pyproject.toml --universal --all-extras $(GROUPS:%=--group %) --quiet \
-		--no-annotate --no-emit-index-url --no-header --output-file requirements.lock
+	UV_SYSTEM_CERTS=true $(RUN) -m uv lock --default-index https://pypi.org/simple
 
-$(VENV)/.plot: WHAT = --editable .[plot]
-$(VENV)/.test: WHAT = --editable .[report,dask] --group test --group importers --group lint
-$(VENV)/.portable: WHAT = --group portable
-$(VENV)/.bench: WHAT = --group bench
-$(VENV)/.wheel: WHAT = --group wheel
-$(VENV)/.judge: WHAT = --group judge
-$(VENV)/.node: WHAT = --group node
+$(VENV)/.plot: WHAT = --extra plot
+$(VENV)/.test: WHAT = --extra report --extra dask --group test --group importers --group lint
+$(VENV)/.portable: WHAT = --only-group portable
+$(VENV)/.bench: WHAT = --only-group bench
+$(VENV)/.wheel: WHAT = --only-group wheel
+$(VENV)/.judge: WHAT = --only-group judge
+$(VENV)/.node: WHAT = --only-group node
 
-# With uv, which takes a few seconds, or with pip if uv is not available.
-$(VENV)/.%: $(RUN) pyproject.toml requirements.lock
+$(VENV)/.%: $(RUN) pyproject.toml uv.lock
 	@echo "Installing to $(VENV): $(WHAT)"
-	@$(UV) pip install --constraint requirements.lock --quiet $(WHAT) \
-		|| { $(RUN) -m pip install --quiet --upgrade pip \
-		&& $(RUN) -m pip install --constraint requirements.lock --quiet $(WHAT); }
+	@$(RUN) -m uv export --frozen --quiet --no-hashes --no-emit-project $(WHAT) --output-file $@.txt
+	@$(UV) pip install --quiet --requirements $@.txt --editable .
 	@touch $@
 
 $(RUN):
 	@echo "Creating $(VENV)"
 	@$(PYTHON) -m venv $(VENV)
-	@-$(RUN) -m pip install --constraint requirements.lock --quiet uv
+	@$(RUN) -m pip install --quiet uv==$$(sed -n '/^name = "uv"$$/{n;s/version = "\(.*\)"/\1/p;}' uv.lock)
 
 clean:
 	rm -rf target

@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import distributions, packages_distributions
 
 import pytest
@@ -35,8 +36,11 @@ def installed(text: str) -> set[str]:
 @pytest.mark.parametrize("workflow", ["fmus", "wheels"])
 def test_a_workflow_installs_what_its_tests_need(workflow: str) -> None:
     text = (ROOT / ".github" / "workflows" / f"{workflow}.yml").read_text(encoding="utf-8")
-    options, tests = re.findall(r"python -m (?:pip install .*--editable \.|pytest) (.*)", text)
-    names = installed("pendulum-fmus").union(*map(installed, shlex.split(options)))
+    (group,) = re.findall(r"uv sync --frozen --group (.*)", text)
+    (tests,) = re.findall(r"python -m pytest (.*)", text)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packages = project["dependency-groups"][group]
+    names = installed("pendulum-fmus").union(*map(installed, packages))
     missing = {"fcntl", "resource"} | {
         module
         for module, packages in packages_distributions().items()
