@@ -2,7 +2,7 @@
 
 import re
 import runpy
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -201,6 +201,79 @@ def test_all_units_are_listed() -> None:
     symbols = re.findall(r'^ +\("([^"\\]+)", ', parser.split("impl Unit")[0], re.MULTILINE)
     assert len(symbols) > 40
     assert set(re.findall(r"`([^`]+)`", section)) >= set(symbols)
+
+
+def column(text: str, heading: str, index: int = 1) -> list[list[str]]:
+    """Return the names in each cell of a column, of all tables with this first heading."""
+    table = rf"^\| {re.escape(heading)} .*\n[-| ]+\n((?:\|.*\n)+)"
+    rows = "".join(re.findall(table, text, re.MULTILINE)).splitlines()
+    return [re.findall(r"`(?:#\[)?(\w+)", row.split("|")[index]) for row in rows]
+
+
+def flat(cells: Iterable[Iterable[str]]) -> set[str]:
+    """Return all names in some cells."""
+    return {name for cell in cells for name in cell}
+
+
+def test_all_attributes_are_listed() -> None:
+    """The tables of variables.md and of the macros' own pages have what the macros read."""
+    folder = ROOT / "crates" / "fmu-derive" / "src"
+    code = (folder / "attributes.rs").read_text(encoding="utf-8")
+    own = {
+        name: (folder / f"{name}.md").read_text(encoding="utf-8")
+        for name in ("model", "choice", "variables")
+    }
+    page = PAGES["docs/variables.md"]
+
+    def defined(name: str) -> str:
+        return code.split(f"const {name}:")[1].split(" =", 1)[1].split(";\n")[0]
+
+    roles = {
+        role: name for name, role in re.findall(r'"(\w+)", (?:Role::)?(\w+)', defined("ROLES"))
+    }
+    groups = {name: re.findall(r"\w+", defined(name)) for name in ("DESCRIBED", "EQUATIONS")}
+    groups["NAMED"] = groups["DESCRIBED"][1:]
+    options = {
+        name: {roles[role] for role in groups.get(group, re.findall(r"\w+", group))}
+        for name, group in re.findall(r'\("(\w+)", \w+\), &?\[?([\w, ]+)', defined("FIELD_OPTIONS"))
+    }
+    assert len(roles) > 10
+    assert len(options) > 15
+    for text in (page, own["variables"]):
+        assert {cell[0] for cell in column(text, "Attribute") if cell} == {*roles.values()}
+        assert flat(column(text, "Option")) <= options.keys()
+        assert all(re.search(rf"[`(]{name}\b", text) for name in options)
+
+    # Of each attribute, the options that not all have.
+    common = flat(
+        column(part("docs/variables.md", "Fields").split("| Option | Meaning |\n")[0], "Option")
+    )
+    further = column(page, "Attribute", 3)
+    for attribute, listed in zip(column(page, "Attribute"), further, strict=True):
+        has = {name for name, owners in options.items() if owners & {*attribute[:1]}}
+        assert {*listed} == has - common - {"of", "size"}, attribute
+
+    for kind, text, heading in [
+        ("MODEL", page, "`#[model(...)]`"),
+        ("MODEL", own["model"], "`#[model(...)]`"),
+        ("VARIABLES", own["variables"], "`#[variables(...)]`"),
+        ("CHOICE", own["choice"], "`#[choice(...)]`"),
+    ]:
+        known = {*re.findall(r'\("(\w+)", ', defined(kind).split(",", 1)[1])}
+        assert known
+        assert flat(column(text, heading)) == known
+
+
+def test_all_types_and_log_categories_are_listed() -> None:
+    """The pages have the types of variables and the log categories of the vocabulary."""
+    vocabulary = (ROOT / "modelDescription" / "src" / "vocabulary.rs").read_text(encoding="utf-8")
+    macro = vocabulary.split("macro_rules! types")[1].split("\n}\n")[0]
+    types = re.findall(r"(\w+): (\w+)(?:<u8>)?[,;\n]", macro)
+    assert len(types) > 12
+    assert flat(types) <= {*re.findall(r"\w+", part("docs/variables.md", "Types"))}
+    categories = re.findall(r'c"(log\w+)"', vocabulary)
+    assert len(categories) > 6
+    assert all(f"`{name}`" in PAGES["docs/quality.md"] for name in categories)
 
 
 def test_the_importers_are_those_that_were_run() -> None:

@@ -1,0 +1,91 @@
+//! The format of the copies of interfaces in binaries, which must not change without a new version.
+
+use fmu_description::Interface;
+use fmu_description::hash::checksum;
+use fmu_description::interface::{GUID_LENGTH, size, write};
+use fmu_export::prelude::*;
+
+/// The version of the format, and a hash of a copy in it.
+const FORMAT: (u32, u128) = (8, 0x4e235181d43994b2bc82bc53aeee77ea);
+
+/// A model with everything that a copy can have; it never changes.
+#[derive(Model)]
+#[model(name = "Format", continuous, step = Self::step, stop_time = 3, step_size = 0.5, tolerance = 1e-4)]
+struct Everything {
+    /// input
+    #[input(unit = "N", start = 0.25, min = -1, max = 2, derivative = self.slope, terminal = "loop.u")]
+    u: f64,
+    slope: f64,
+    /// state
+    #[output(state, nominal = 10, unit = "m", start = -0.5)]
+    x: f64,
+    #[derivative(of = x, unit = "m/s", derivative_by(u = 1.0, x = 2.0))]
+    x_dot: f64,
+    /// zero at an event
+    #[event_indicator]
+    level: f64,
+    /// number of nodes
+    #[structural_parameter(start = 2, max = 3)]
+    nodes: u64,
+    /// positions of the nodes
+    #[parameter(tunable, size = "nodes", start = [1, 2, 3])]
+    positions: [f32; 3],
+    /// a matrix
+    #[constant(start = [[1, -2], [300, 4]])]
+    matrix: [[i16; 2]; 2],
+    /// text of any length
+    #[parameter(start = "text")]
+    text: String,
+    /// bytes
+    #[parameter(start = b"\x01\x02", mime_type = "image/png")]
+    bytes: Vec<u8>,
+    /// whether it is on
+    #[local(initially_from("text", "positions"))]
+    is_on: bool,
+    /// how it is controlled
+    #[parameter(start = Law::Closed)]
+    law: Law,
+    #[log]
+    log: Log,
+}
+
+/// Form of the control law
+#[derive(Clone, Copy, Choice)]
+enum Law {
+    /// without feedback
+    Open,
+    /// with feedback
+    Closed,
+}
+
+impl Everything {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        self.x += self.slope;
+        Ok(())
+    }
+}
+
+impl Continuous for Everything {
+    fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
+        self.x_dot = self.u;
+        Ok(())
+    }
+}
+
+const INTERFACE: Interface =
+    fmu_export::interface::<Everything, { <Everything as Variables>::COUNT }>(None);
+static COPY: [u8; size(&INTERFACE)] = write(&INTERFACE);
+
+#[test]
+fn another_format_has_another_version() {
+    let (header, content) = COPY.split_at(24);
+    let version = u32::from_le_bytes(header[16..20].try_into().unwrap());
+    // Without the GUID and the checksum, which follow from the interface.
+    let content = &content[..content.len() - GUID_LENGTH - 16];
+    let found = (version, checksum(content));
+    assert_eq!(
+        found, FORMAT,
+        "the format of the copies changed: raise VERSION in modelDescription/src/interface.rs, so that libraries and \
+         programs of different versions notice it, and write what was found to FORMAT"
+    );
+}
