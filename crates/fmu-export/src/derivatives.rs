@@ -4,9 +4,9 @@ use fmi_abi::state::State;
 use fmu_description::table::{Bounds, Declaration};
 use fmu_description::{Causality, Dynamics, Type, Value};
 
+use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure, refused};
 use crate::instance::Instance;
-use crate::laid_out::AnyModel;
 use crate::values::{check_type, unknown};
 
 impl Instance {
@@ -18,8 +18,8 @@ impl Instance {
         direction: &[f64],
         derivatives: &mut [f64],
     ) -> Result<(), ModelError> {
-        let unknowns = self.elements(unknowns, derivatives.len())?;
-        let knowns = self.elements(knowns, direction.len())?;
+        let unknowns = self.element_references(unknowns, derivatives.len())?;
+        let knowns = self.element_references(knowns, direction.len())?;
         self.multiply(&unknowns, &knowns, direction, derivatives, false)
     }
 
@@ -31,8 +31,8 @@ impl Instance {
         direction: &[f64],
         derivatives: &mut [f64],
     ) -> Result<(), ModelError> {
-        let unknowns = self.elements(unknowns, direction.len())?;
-        let knowns = self.elements(knowns, derivatives.len())?;
+        let unknowns = self.element_references(unknowns, direction.len())?;
+        let knowns = self.element_references(knowns, derivatives.len())?;
         self.multiply(&unknowns, &knowns, direction, derivatives, true)
     }
 
@@ -121,7 +121,7 @@ impl Instance {
         has_part: &dyn Fn(&Declaration) -> bool,
     ) -> Result<(), ModelError> {
         let (count, version) = (self.model.info().count, self.shared.settings.edge.version);
-        match self.model.find(reference) {
+        match self.model.scalar_at(reference) {
             None => Err(unknown(count, reference)),
             Some(scalar) if !has_part(scalar.variable) => {
                 refused!("{} is not {expected}", scalar.name())
@@ -133,7 +133,7 @@ impl Instance {
     /// An element of the Jacobian. As an unknown, a state depends on itself only, but for its initial value.
     fn derivative(&mut self, unknown: u32, known: u32) -> Result<f64, ModelError> {
         let is_state = |reference| {
-            (self.model.find(reference))
+            (self.model.scalar_at(reference))
                 .is_some_and(|scalar| matches!(scalar.variable.dynamics, Dynamics::State))
         };
         let (is_state, by_state) = (is_state(unknown), is_state(known));
@@ -149,11 +149,11 @@ impl Instance {
     /// The derivative of an initial value with respect to a start value: the quotient of differences between
     /// initializations, central unless the start value is at a bound.
     fn initial_derivative(&mut self, unknown: u32, known: u32) -> Result<f64, ModelError> {
-        let Some(of) = self.model.find(unknown) else {
+        let Some(of) = self.model.scalar_at(unknown) else {
             return Ok(0.0);
         };
         // Without it, the known is the time.
-        let by = self.model.find(known);
+        let by = self.model.scalar_at(known);
         let start = match &by {
             Some(by) => self.model.get(by).as_real().unwrap_or_default(),
             None => self.shared.lifecycle.start_time,
@@ -194,7 +194,7 @@ impl Instance {
     ) -> Result<(), ModelError> {
         for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
             let count = self.model.info().count;
-            let scalar = self.model.find(reference);
+            let scalar = self.model.scalar_at(reference);
             let name = scalar.ok_or_else(|| unknown(count, reference))?.name();
             ensure!(
                 self.model.input_derivative(reference).is_some(),
@@ -224,11 +224,11 @@ impl Instance {
         values: &mut [f64],
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
-        let elements = self.elements(references, values.len())?;
+        let elements = self.element_references(references, values.len())?;
         let mut derivatives = Vec::with_capacity(elements.len());
         let mut rest = elements.iter();
         for (&reference, &order) in references.iter().zip(orders) {
-            let count = self.count(reference).unwrap_or_default();
+            let count = self.elements_accessed(reference).unwrap_or_default();
             for &element in rest.by_ref().take(count) {
                 derivatives.push(self.derivative_of_output(element, order)?);
             }
@@ -244,7 +244,7 @@ impl Instance {
     /// The value reference of the time derivative of an output.
     fn derivative_of_output(&mut self, reference: u32, order: i32) -> Result<u32, ModelError> {
         let info = self.model.info();
-        let scalar = self.model.find(reference);
+        let scalar = self.model.scalar_at(reference);
         let scalar = scalar.ok_or_else(|| unknown(info.count, reference))?;
         let name = scalar.name();
         ensure!(scalar.variable.causality == Causality::Output, "{name} is not an output");

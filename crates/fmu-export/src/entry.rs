@@ -8,20 +8,22 @@ use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
 use fmu_description::{Interface, Overrides};
 
+use crate::any_model::VariantStarts;
 use crate::fast;
-use crate::instance::{Guid, Pointer, Settings};
-use crate::laid_out::{LaidOut, Variant};
+use crate::instance::{Guid, Settings};
+use crate::laid_out::LaidOut;
 use crate::lifecycle::InstanceType;
 use crate::model::Model;
+use crate::pointers::Pointer;
 
 /// A model of a library, before it is instantiated.
 pub struct Entry {
     name: &'static str,
-    variant: Option<Variant>,
+    variant: Option<VariantStarts>,
     guid: Guid,
     /// Whether the host may integrate the model, which therefore has events.
     is_for_model_exchange: bool,
-    create: fn(Settings, (&'static Guid, Option<Variant>)) -> Pointer,
+    create: fn(Settings, (&'static Guid, Option<VariantStarts>)) -> Pointer,
     #[cfg(target_arch = "wasm32")]
     pub(crate) needs: crate::needs::Needs,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
@@ -66,7 +68,7 @@ impl Entry {
     ) -> Self {
         Self {
             name: interface.name,
-            variant: Variant::of(interface.overrides),
+            variant: VariantStarts::new(interface.overrides),
             guid: guid(&interface),
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: fast::create::<M, N>,

@@ -1,11 +1,12 @@
 //! The equations of a model, for hosts that integrate them, and for values that are computed only when a host asks
 //! for them.
 
+use dormand_prince::solver;
 use fmi_abi::state::State;
 
+use crate::any_model::{AnyModel, SolverVector};
 use crate::error::{ModelError, Severity, ensure, refused};
 use crate::instance::Instance;
-use crate::laid_out::{AnyModel, SolverVector};
 use crate::lifecycle::{InstanceType, Lifecycle};
 
 impl Instance {
@@ -97,12 +98,12 @@ impl Instance {
         if which != SolverVector::Nominals {
             self.update()?;
         }
-        self.model.read(which, values);
+        self.model.read_vector(which, values);
         Ok(())
     }
 
     fn check_length(&self, of: SolverVector, found: usize) -> Result<(), ModelError> {
-        let expected = self.model.length(of);
+        let expected = self.model.vector_length(of);
         let what = match of {
             SolverVector::EventIndicators => "event indicators",
             _ => "continuous states",
@@ -131,4 +132,47 @@ get_numbers! {
     get_continuous_state_derivatives: Derivatives;
     get_event_indicators: EventIndicators;
     get_nominals_of_continuous_states: Nominals;
+}
+
+/// The equations of a model, as the solver sees them.
+pub(crate) struct Equations<'a>(pub(crate) &'a mut (dyn AnyModel + 'static));
+
+impl solver::System for Equations<'_> {
+    type Error = ModelError;
+
+    fn nominal(&self, state: usize) -> f64 {
+        self.0.info().states[state].nominal
+    }
+
+    fn states(&mut self, states: &mut [f64]) -> Result<(), ModelError> {
+        self.0.read_vector(SolverVector::States, states);
+        Ok(())
+    }
+
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
+        self.0.set_states(states);
+        self.0.behavior_mut().on_evaluate(time)?;
+        Ok(self.0.check_equations().is_ok())
+    }
+
+    fn derivatives(&mut self, derivatives: &mut [f64]) {
+        self.0.read_vector(SolverVector::Derivatives, derivatives);
+    }
+
+    fn event_indicator(&mut self, indicator: usize) -> f64 {
+        self.0.event_indicator(indicator)
+    }
+
+    fn not_finite(&mut self) -> ModelError {
+        let checked = self.0.check_equations();
+        checked.err().unwrap_or_else(|| ModelError::new("the states became too large"))
+    }
+
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        self.0.behavior_mut().on_event(time)
+    }
+
+    fn next_event(&self, time: f64) -> Option<f64> {
+        self.0.behavior().on_next_event(time)
+    }
 }

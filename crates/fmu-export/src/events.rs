@@ -4,7 +4,7 @@ use fmi_abi::state::State;
 
 use crate::clock::SampleClock;
 use crate::error::{ModelError, Severity};
-use crate::instance::{Instance, Update};
+use crate::instance::{EventUpdate, Instance};
 use crate::lifecycle::{InstanceType, Lifecycle};
 
 /// Maximum number of time events in one communication step of event mode; more would take seconds to handle.
@@ -36,7 +36,7 @@ impl Instance {
     }
 
     /// Handles what is due in event mode: samples, time events, and what has happened now.
-    pub(crate) fn handle_events(&mut self) -> Result<Update, ModelError> {
+    pub(crate) fn handle_events(&mut self) -> Result<EventUpdate, ModelError> {
         let Lifecycle { instance_type, time, .. } = self.shared.lifecycle;
         let (info, before) = (self.model.info(), self.model.states());
         if self.shared.lifecycle.stale {
@@ -53,7 +53,7 @@ impl Instance {
         }
         let states_changed = self.model.states() != before;
         self.shared.lifecycle.integration.restarts |= states_changed;
-        Ok(Update { states_changed, next_event: self.next_event() })
+        Ok(EventUpdate { states_changed, next_event: self.next_event() })
     }
 
     fn take_due_samples(&mut self, time: f64) -> Result<(), ModelError> {

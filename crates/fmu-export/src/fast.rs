@@ -1,50 +1,93 @@
-//! What the pointer of a host points to, and the functions that a host calls at every step.
+//! The calls that a host makes at every step: get and set Float64, and step.
 //!
-//! They are compiled for each model, so that its step and the access to its variables are inlined. They
-//! implement the fast path between steps, with a few checks, and leave everything else to the [`Instance`],
-//! which checks thoroughly and reports errors. The fast path never accepts a call that the instance would
-//! refuse.
+//! They are compiled for each model, so that its step and the access to its variables are inlined. The pointer of a
+//! host points to a [`HostedInstance`], which begins with its [`Vtable`]: an entry point, such as `fmi2DoStep`, calls
+//! the function of this table with the same arguments.
+//!
+//! Between steps, these functions take a fast path with a few checks. They leave all other cases to the [`Instance`],
+//! which checks thoroughly and reports errors. The fast path never accepts a call that the instance would refuse.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use fmi_abi::state::State;
 
+use crate::any_model::{AnyModel, VariantStarts};
 use crate::error::ModelError;
-use crate::instance::{End, Guid, Instance, Pointer, Settings, Shared, Status, Vtable};
-use crate::laid_out::{LaidOut, Variant};
+use crate::instance::{Guid, Instance, Settings, Status, StepEnd};
+use crate::laid_out::LaidOut;
+use crate::layout::{Extent, Place, elements_in_use, real_at};
 use crate::log::discard;
 use crate::model::Model;
-use crate::pointers::{NULL_ARRAY, slice, slice_mut};
+use crate::pointers::{NULL_ARRAY, Pointer, slice, slice_mut};
 
-/// The part of an instance that does not depend on the model; `None` for NULL.
+/// What the pointer of a host points to.
+#[repr(C)]
+pub(crate) struct HostedInstance<M: ?Sized = dyn AnyModel> {
+    pub(crate) head: Head,
+    pub(crate) instance: Instance<M>,
+}
+
+/// The part of a hosted instance that an entry point finds without knowing the model.
+pub(crate) struct Head {
+    pub(crate) vtable: &'static Vtable,
+    /// Whether the host sees what happens in a step, which is then taken in parts.
+    pub(crate) is_stepped_in_parts: bool,
+}
+
+/// The functions that are compiled for each model. The pointer is to a hosted instance of this model, which is not
+/// used concurrently or otherwise during the call; pointers to arrays are NULL or valid for the lengths that
+/// follow them. A binary for one version of FMI does not contain the functions of the other.
+pub(crate) struct Vtable {
+    /// Gets scalars and elements of arrays: `n` value references, and as many values.
+    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+    pub(crate) get_elements: unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64) -> Status,
+    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+    pub(crate) set_elements: unsafe extern "C" fn(Pointer, *const u32, usize, *const f64) -> Status,
+    /// Gets variables with all their elements: `n` value references, and the values.
+    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+    pub(crate) get_variables:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64, usize) -> Status,
+    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+    pub(crate) set_variables:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Status,
+    /// Takes a step.
+    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, StepEnd) -> Status,
+    /// The number of elements of variables; an unknown one counts as one.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) count_elements: unsafe fn(Pointer, *const u32, usize) -> usize,
+    instance: unsafe fn(Pointer) -> *mut Instance,
+    free: unsafe fn(Pointer),
+}
+
+/// The head of a hosted instance; `None` for NULL.
 ///
 /// # Safety
-/// `instance` is NULL or came from [`create`], and is not freed, nor used otherwise during the lifetime.
+/// `pointer` is NULL or came from [`create`], and is not freed, nor used otherwise during the lifetime.
 #[inline(always)]
-pub(crate) unsafe fn shared<'a>(instance: Pointer) -> Option<&'a Shared> {
-    // SAFETY: every instance begins with its shared part.
-    unsafe { instance.cast::<Shared>().as_ref() }
+pub(crate) unsafe fn head<'a>(pointer: Pointer) -> Option<&'a Head> {
+    // SAFETY: every hosted instance begins with its head.
+    unsafe { pointer.cast::<Head>().as_ref() }
 }
 
 /// The instance behind a pointer; `None` for NULL.
 ///
 /// # Safety
-/// As [`shared`].
-pub(crate) unsafe fn instance_at<'a>(instance: Pointer) -> Option<&'a mut Instance> {
+/// As [`head`].
+pub(crate) unsafe fn instance_at<'a>(pointer: Pointer) -> Option<&'a mut Instance> {
     // SAFETY: the caller's promise; the functions belong to the instance.
-    unsafe { shared(instance).map(|shared| &mut *(shared.vtable.instance)(instance)) }
+    unsafe { head(pointer).map(|head| &mut *(head.vtable.instance)(pointer)) }
 }
 
 /// Frees an instance. If the model's destructor panics, its memory leaks, but the host keeps running.
 ///
 /// # Safety
-/// As [`shared`], and the pointer is not used again.
-pub(crate) unsafe fn free(instance: Pointer) {
+/// As [`head`], and the pointer is not used again.
+pub(crate) unsafe fn free(pointer: Pointer) {
     // SAFETY: the caller's promise; the functions belong to the instance.
-    if let Some(free) = unsafe { shared(instance) }.map(|shared| shared.vtable.free) {
+    if let Some(free) = unsafe { head(pointer) }.map(|head| head.vtable.free) {
         // SAFETY: as above.
-        let freed = catch_unwind(AssertUnwindSafe(|| unsafe { free(instance) }));
+        let freed = catch_unwind(AssertUnwindSafe(|| unsafe { free(pointer) }));
         let _ = freed.map_err(discard);
     }
 }
@@ -52,56 +95,13 @@ pub(crate) unsafe fn free(instance: Pointer) {
 /// Creates an instance of the model `M` with `N` scalar variables.
 pub(crate) fn create<M: Model, const N: usize>(
     settings: Settings,
-    (guid, variant): (&'static Guid, Option<Variant>),
+    (guid, variant): (&'static Guid, Option<VariantStarts>),
 ) -> Pointer {
     let model = LaidOut::<M, N>::new(variant);
-    Box::into_raw(new(settings, (guid, variant), model)).cast()
+    Box::into_raw(HostedInstance::new(settings, (guid, variant), model)).cast()
 }
 
-/// The instance of a model.
-pub(crate) fn new<M: Model, const N: usize>(
-    settings: Settings,
-    identity: (&'static Guid, Option<Variant>),
-    model: LaidOut<M, N>,
-) -> Box<Instance<LaidOut<M, N>>> {
-    Box::new(Instance::new(settings, &Instance::<LaidOut<M, N>>::VTABLE, identity, model))
-}
-
-/// Defines functions that get or set Float64 by a fast function of [`LaidOut`], or else by another one.
-macro_rules! access {
-    ($($name:ident($n:ident, *$pointer:ident f64 $(, $n_values:ident)?)
-        = $fast:ident $([$places:ident])? ($slice:ident $count:ident) $(if $condition:expr)?, else $rest:path;)*) => {
-        $(
-            /// # Safety
-            /// As for all functions of [`Vtable`].
-            #[inline(never)]
-            unsafe extern "C" fn $name(
-                instance: Pointer,
-                references: *const u32,
-                $n: usize,
-                values: *$pointer f64
-                $(, $n_values: usize)?
-            ) -> Status {
-                // SAFETY: the caller's promise; no array is NULL by the check.
-                unsafe {
-                    let c = Self::of(instance);
-                    if $($condition &&)? c.is_fast(references, values)
-                        && c.model.$fast(
-                            $(LaidOut::<M, N>::$places,)?
-                            from_raw_parts(references, $n),
-                            $slice(values, $count),
-                        )
-                    {
-                        return Status::Ok;
-                    }
-                    $rest(instance, references, $n, values, $count)
-                }
-            }
-        )*
-    };
-}
-
-impl<M: Model, const N: usize> Instance<LaidOut<M, N>> {
+impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
     const VTABLE: Vtable = Vtable {
         #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
         get_elements: Self::get_elements,
@@ -113,74 +113,68 @@ impl<M: Model, const N: usize> Instance<LaidOut<M, N>> {
         set_variables: Self::set_variables,
         step: Self::step,
         #[cfg(target_arch = "wasm32")]
-        count: Self::count,
-        instance: Self::of_any_model,
+        count_elements: Self::count_elements,
+        instance: Self::instance,
         free: Self::free,
     };
+
+    pub(crate) fn new(
+        settings: Settings,
+        identity: (&'static Guid, Option<VariantStarts>),
+        model: LaidOut<M, N>,
+    ) -> Box<Self> {
+        let instance = Instance::new(settings, identity, model);
+        let is_stepped_in_parts = instance.shared.settings.is_stepped_in_parts();
+        Box::new(Self { head: Head { vtable: &Self::VTABLE, is_stepped_in_parts }, instance })
+    }
 
     /// # Safety
     /// As for all functions of [`Vtable`].
     #[inline(always)]
-    unsafe fn of<'a>(instance: Pointer) -> &'a mut Self {
+    unsafe fn at<'a>(pointer: Pointer) -> &'a mut Self {
         // SAFETY: the caller's promise.
-        unsafe { &mut *instance.cast() }
+        unsafe { &mut *pointer.cast() }
     }
 
     /// # Safety
     /// As for all functions of [`Vtable`].
-    #[cfg(target_arch = "wasm32")]
-    unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
+    unsafe fn instance(pointer: Pointer) -> *mut Instance {
         // SAFETY: the caller's promise.
-        let (c, references) = unsafe { (Self::of(instance), slice(references, n)) };
-        let model: &mut dyn crate::laid_out::AnyModel = &mut c.model;
-        let references = references.unwrap_or_default().iter();
-        references.map(|&reference| model.elements(reference).unwrap_or(1)).sum()
-    }
-
-    /// # Safety
-    /// As for all functions of [`Vtable`].
-    unsafe fn of_any_model(instance: Pointer) -> *mut Instance {
-        // SAFETY: the caller's promise.
-        unsafe { Self::of(instance) }
+        unsafe { &mut Self::at(pointer).instance }
     }
 
     /// # Safety
     /// As for all functions of [`Vtable`], and the pointer is not used again.
-    unsafe fn free(instance: Pointer) {
+    unsafe fn free(pointer: Pointer) {
         // SAFETY: `create` made the pointer from a box.
-        drop(unsafe { Box::from_raw(instance.cast::<Self>()) });
+        drop(unsafe { Box::from_raw(pointer.cast::<Self>()) });
     }
+}
 
-    /// Whether a get or set may take the fast path: between steps, with arrays that are not NULL.
-    #[inline(always)]
-    fn is_fast<V>(&self, references: *const u32, values: *const V) -> bool {
-        self.shared.lifecycle.state == State::StepMode && !references.is_null() && !values.is_null()
-    }
-
-    access! {
-        get_elements(n, *mut f64) = get_elements(from_raw_parts_mut n), else get_float64;
-        set_elements(n, *const f64) = set_elements(from_raw_parts n), else set_float64;
-        // Scalars; arrays are left to another function, since its registers would have to be saved here.
-        get_variables(n, *mut f64, n_values)
-            = get_each[SCALARS](from_raw_parts_mut n_values) if n == n_values, else Self::get_arrays;
-        set_variables(n, *const f64, n_values)
-            = set_each[SCALARS](from_raw_parts n_values) if n == n_values, else Self::set_arrays;
-        get_arrays(n, *mut f64, n_values) = get_arrays(from_raw_parts_mut n_values), else get_float64;
-        set_arrays(n, *const f64, n_values) = set_arrays(from_raw_parts n_values), else set_float64;
-    }
-
+/// Steps.
+impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
     /// Takes a step, quickly if it is a plain one.
     ///
     /// # Safety
     /// As for all functions of [`Vtable`].
-    unsafe extern "C" fn step(instance: Pointer, time: f64, step: f64, end: End) -> Status {
+    unsafe extern "C" fn step(pointer: Pointer, time: f64, step: f64, end: StepEnd) -> Status {
         // SAFETY: the caller's promise.
         unsafe {
-            match Self::of(instance).is_plain_step(time, step) {
-                true => Self::plain_step(instance, time, step, end),
-                false => any_step(instance, time, step, end),
+            match Self::at(pointer).is_plain_step(time, step) {
+                true => Self::plain_step(pointer, time, step, end),
+                false => any_step(pointer, time, step, end),
             }
         }
+    }
+
+    /// Whether a step continues from the last one and is taken by one call of the model's function.
+    #[inline(always)]
+    fn is_plain_step(&self, time: f64, step: f64) -> bool {
+        let lifecycle = &self.instance.shared.lifecycle;
+        !M::IS_INTEGRATED
+            && lifecycle.is_next_step(time, step)
+            && (!M::IS_SAMPLED || lifecycle.clock.is_one_due(time, step))
+            && !(LaidOut::<M, N>::HAS_INPUT_DERIVATIVES && lifecycle.has_input_derivatives)
     }
 
     /// The rest of [`step`](Self::step), which needs no registers to be saved for a call of the model.
@@ -188,81 +182,47 @@ impl<M: Model, const N: usize> Instance<LaidOut<M, N>> {
     /// # Safety
     /// As for all functions of [`Vtable`].
     #[inline(never)]
-    unsafe extern "C" fn plain_step(instance: Pointer, time: f64, step: f64, end: End) -> Status {
+    unsafe extern "C" fn plain_step(
+        pointer: Pointer,
+        time: f64,
+        step: f64,
+        end: StepEnd,
+    ) -> Status {
         // SAFETY: the caller's promise.
-        let c = unsafe { Self::of(instance) };
+        let instance = unsafe { &mut Self::at(pointer).instance };
         let take = {
-            let c = &mut *c;
-            move || c.take_plain_step(time, step)
+            let instance = &mut *instance;
+            move || Self::take_plain_step(instance, time, step)
         };
         match catch_unwind(AssertUnwindSafe(take)) {
-            Ok(Ok(())) if c.model.model.has_finite_outputs() => {
-                c.shared.lifecycle.time = time + step;
+            Ok(Ok(())) if instance.model.model.has_finite_outputs() => {
+                instance.shared.lifecycle.time = time + step;
                 if let Some(end) = end {
                     *end = time + step;
                 }
                 Status::Ok
             }
             // One arm for both would keep the result in memory in every step.
-            Ok(taken) => (c as &mut Instance).end_step(Ok(taken), time, step, end),
-            Err(panic) => (c as &mut Instance).end_step(Err(panic), time, step, end),
+            Ok(taken) => (instance as &mut Instance).end_step(Ok(taken), time, step, end),
+            Err(panic) => (instance as &mut Instance).end_step(Err(panic), time, step, end),
         }
     }
 
-    /// Whether a step continues from the last one and is taken by one call of the model's function.
     #[inline(always)]
-    fn is_plain_step(&self, time: f64, step: f64) -> bool {
-        let lifecycle = &self.shared.lifecycle;
-        !M::IS_INTEGRATED
-            && lifecycle.is_next_step(time, step)
-            && (!M::IS_SAMPLED || lifecycle.clock.is_one_due(time, step))
-            && !(LaidOut::<M, N>::HAS_INPUT_DERIVATIVES && lifecycle.has_input_derivatives)
-    }
-
-    #[inline(always)]
-    fn take_plain_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+    fn take_plain_step(
+        instance: &mut Instance<LaidOut<M, N>>,
+        time: f64,
+        step: f64,
+    ) -> Result<(), ModelError> {
+        let model = &mut instance.model.model;
         if !M::IS_SAMPLED {
-            return self.model.model.on_step(time, step);
+            return model.on_step(time, step);
         }
-        let clock = &mut self.shared.lifecycle.clock;
-        self.model.model.on_step(clock.next_instant(), clock.sample_time())?;
+        let clock = &mut instance.shared.lifecycle.clock;
+        model.on_step(clock.next_instant(), clock.sample_time())?;
         clock.advance();
         Ok(())
     }
-}
-
-/// Defines functions that get or set Float64 in the cases that are not fast.
-macro_rules! thorough_access {
-    ($($name:ident(*$pointer:ident f64 as $slice:ident);)*) => { $(
-        /// # Safety
-        /// As for all functions of [`Vtable`].
-        #[cold]
-        #[inline(never)]
-        unsafe extern "C" fn $name(
-            instance: Pointer,
-            references: *const u32,
-            n: usize,
-            values: *$pointer f64,
-            n_values: usize,
-        ) -> Status {
-            // SAFETY: the caller's promise.
-            let (c, arrays) = unsafe {
-                let arrays = slice(references, n).zip($slice(values, n_values));
-                (instance_at(instance), arrays)
-            };
-            c.map_or(Status::Error, |c| match arrays {
-                Some((references, values)) => {
-                    c.call(&c.shared.settings.edge.$name, |c| c.$name(references, values))
-                }
-                None => c.refuse(&c.shared.settings.edge.$name, NULL_ARRAY),
-            })
-        }
-    )* };
-}
-
-thorough_access! {
-    get_float64(*mut f64 as slice_mut);
-    set_float64(*const f64 as slice);
 }
 
 /// Takes a step in the cases that are not fast.
@@ -271,7 +231,424 @@ thorough_access! {
 /// As for all functions of [`Vtable`].
 #[cold]
 #[inline(never)]
-unsafe extern "C" fn any_step(instance: Pointer, time: f64, step: f64, end: End) -> Status {
+unsafe extern "C" fn any_step(pointer: Pointer, time: f64, step: f64, end: StepEnd) -> Status {
     // SAFETY: the caller's promise.
-    unsafe { instance_at(instance) }.map_or(Status::Error, |c| c.step(time, step, end))
+    unsafe { instance_at(pointer) }.map_or(Status::Error, |i| i.step(time, step, end))
+}
+
+/// Access to Float64. A reference stands for a scalar or an element of an array (`elements`), or for a variable with
+/// all its elements (`variables`).
+impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
+    /// Whether a get or set may take the fast path: between steps, with arrays that are not NULL.
+    #[inline(always)]
+    fn is_fast<V>(&self, references: *const u32, values: *const V) -> bool {
+        self.instance.shared.lifecycle.state == State::StepMode
+            && !references.is_null()
+            && !values.is_null()
+    }
+
+    /// # Safety
+    /// As for all functions of [`Vtable`].
+    #[inline(never)]
+    unsafe extern "C" fn get_elements(
+        pointer: Pointer,
+        references: *const u32,
+        n: usize,
+        values: *mut f64,
+    ) -> Status {
+        // SAFETY: the caller's promise; no array is NULL by the check.
+        unsafe {
+            let hosted = Self::at(pointer);
+            if hosted.is_fast(references, values)
+                && (hosted.instance.model)
+                    .get_elements(from_raw_parts(references, n), from_raw_parts_mut(values, n))
+            {
+                return Status::Ok;
+            }
+            get_float64(pointer, references, n, values, n)
+        }
+    }
+
+    /// # Safety
+    /// As for all functions of [`Vtable`].
+    #[inline(never)]
+    unsafe extern "C" fn set_elements(
+        pointer: Pointer,
+        references: *const u32,
+        n: usize,
+        values: *const f64,
+    ) -> Status {
+        // SAFETY: the caller's promise; no array is NULL by the check.
+        unsafe {
+            let hosted = Self::at(pointer);
+            if hosted.is_fast(references, values)
+                && (hosted.instance.model)
+                    .set_elements(from_raw_parts(references, n), from_raw_parts(values, n))
+            {
+                return Status::Ok;
+            }
+            set_float64(pointer, references, n, values, n)
+        }
+    }
+
+    /// Gets variables quickly if all are scalars. Arrays are left to another function, since its registers would have
+    /// to be saved here.
+    ///
+    /// # Safety
+    /// As for all functions of [`Vtable`].
+    #[inline(never)]
+    unsafe extern "C" fn get_variables(
+        pointer: Pointer,
+        references: *const u32,
+        n: usize,
+        values: *mut f64,
+        n_values: usize,
+    ) -> Status {
+        // SAFETY: the caller's promise; no array is NULL by the check.
+        unsafe {
+            let hosted = Self::at(pointer);
+            if n == n_values
+                && hosted.is_fast(references, values)
+                && hosted.instance.model.get_each(
+                    LaidOut::<M, N>::SCALARS,
+                    from_raw_parts(references, n),
+                    from_raw_parts_mut(values, n_values),
+                )
+            {
+                return Status::Ok;
+            }
+            Self::get_arrays(pointer, references, n, values, n_values)
+        }
+    }
+
+    /// Sets variables quickly if all are scalars, as [`get_variables`](Self::get_variables).
+    ///
+    /// # Safety
+    /// As for all functions of [`Vtable`].
+    #[inline(never)]
+    unsafe extern "C" fn set_variables(
+        pointer: Pointer,
+        references: *const u32,
+        n: usize,
+        values: *const f64,
+        n_values: usize,
+    ) -> Status {
+        // SAFETY: the caller's promise; no array is NULL by the check.
+        unsafe {
+            let hosted = Self::at(pointer);
+            if n == n_values
+                && hosted.is_fast(references, values)
+                && hosted.instance.model.set_each(
+                    LaidOut::<M, N>::SCALARS,
+                    from_raw_parts(references, n),
+                    from_raw_parts(values, n_values),
+                )
+            {
+                return Status::Ok;
+            }
+            Self::set_arrays(pointer, references, n, values, n_values)
+        }
+    }
+
+    /// # Safety
+    /// As for all functions of [`Vtable`].
+    #[inline(never)]
+    unsafe extern "C" fn get_arrays(
+        pointer: Pointer,
+        references: *const u32,
+        n: usize,
+        values: *mut f64,
+        n_values: usize,
+    ) -> Status {
+        // SAFETY: the caller's promise; no array is NULL by the check.
+        unsafe {
+            let hosted = Self::at(pointer);
+            if hosted.is_fast(references, values)
+                && hosted
+                    .instance
+                    .model
+                    .get_arrays(from_raw_parts(references, n), from_raw_parts_mut(values, n_values))
+            {
+                return Status::Ok;
+            }
+            get_float64(pointer, references, n, values, n_values)
+        }
+    }
+
+    /// # Safety
+    /// As for all functions of [`Vtable`].
+    #[inline(never)]
+    unsafe extern "C" fn set_arrays(
+        pointer: Pointer,
+        references: *const u32,
+        n: usize,
+        values: *const f64,
+        n_values: usize,
+    ) -> Status {
+        // SAFETY: the caller's promise; no array is NULL by the check.
+        unsafe {
+            let hosted = Self::at(pointer);
+            if hosted.is_fast(references, values)
+                && (hosted.instance.model)
+                    .set_arrays(from_raw_parts(references, n), from_raw_parts(values, n_values))
+            {
+                return Status::Ok;
+            }
+            set_float64(pointer, references, n, values, n_values)
+        }
+    }
+
+    /// # Safety
+    /// As for all functions of [`Vtable`].
+    #[cfg(target_arch = "wasm32")]
+    unsafe fn count_elements(pointer: Pointer, references: *const u32, n: usize) -> usize {
+        // SAFETY: the caller's promise.
+        let (hosted, references) = unsafe { (Self::at(pointer), slice(references, n)) };
+        let model: &mut dyn AnyModel = &mut hosted.instance.model;
+        let references = references.unwrap_or_default().iter();
+        references.map(|&reference| model.elements_in_use(reference).unwrap_or(1)).sum()
+    }
+}
+
+/// Gets Float64 in the cases that are not fast.
+///
+/// # Safety
+/// As for all functions of [`Vtable`].
+#[cold]
+#[inline(never)]
+unsafe extern "C" fn get_float64(
+    pointer: Pointer,
+    references: *const u32,
+    n: usize,
+    values: *mut f64,
+    n_values: usize,
+) -> Status {
+    // SAFETY: the caller's promise.
+    let (instance, arrays) = unsafe {
+        let arrays = slice(references, n).zip(slice_mut(values, n_values));
+        (instance_at(pointer), arrays)
+    };
+    let Some(instance) = instance else { return Status::Error };
+    let call = &instance.shared.settings.edge.get_float64;
+    match arrays {
+        Some((references, values)) => instance.call(call, |i| i.get_float64(references, values)),
+        None => instance.refuse(call, NULL_ARRAY),
+    }
+}
+
+/// Sets Float64 in the cases that are not fast.
+///
+/// # Safety
+/// As for all functions of [`Vtable`].
+#[cold]
+#[inline(never)]
+unsafe extern "C" fn set_float64(
+    pointer: Pointer,
+    references: *const u32,
+    n: usize,
+    values: *const f64,
+    n_values: usize,
+) -> Status {
+    // SAFETY: the caller's promise.
+    let (instance, arrays) = unsafe {
+        let arrays = slice(references, n).zip(slice(values, n_values));
+        (instance_at(pointer), arrays)
+    };
+    let Some(instance) = instance else { return Status::Error };
+    let call = &instance.shared.settings.edge.set_float64;
+    match arrays {
+        Some((references, values)) => instance.call(call, |i| i.set_float64(references, values)),
+        None => instance.refuse(call, NULL_ARRAY),
+    }
+}
+
+/// Access to the Float64 of a model, by the tables of its layout.
+impl<M: Model, const N: usize> LaidOut<M, N> {
+    /// As [`get_each`](Self::get_each) for scalars and elements of arrays in use, but writes nothing if it returns
+    /// false.
+    #[inline(always)]
+    pub(crate) fn get_elements(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        let is_real = |&reference: &u32| {
+            let place = Self::ELEMENTS.get(reference as usize);
+            place.is_some_and(|place| place.offset != Place::NONE)
+        };
+        !self.is_smaller()
+            && (references.len() == 1 || references.iter().all(is_real))
+            && self.get_each(Self::ELEMENTS, references, values)
+    }
+
+    /// As [`set_each`](Self::set_each) for scalars and elements of arrays in use.
+    #[inline(always)]
+    pub(crate) fn set_elements(&mut self, references: &[u32], values: &[f64]) -> bool {
+        !self.is_smaller() && self.set_each(Self::ELEMENTS, references, values)
+    }
+
+    /// Whether a variant uses fewer elements of an array than `ELEMENTS` assumes.
+    #[inline(always)]
+    fn is_smaller(&self) -> bool {
+        Self::HAS_STRUCTURAL_PARAMETERS && self.is_smaller
+    }
+
+    /// Gets what is at some of the places. Returns false if a reference is not of a Float64 there; values of others
+    /// may have been written.
+    #[inline(always)]
+    pub(crate) fn get_each(
+        &mut self,
+        places: &'static [Place; N],
+        references: &[u32],
+        values: &mut [f64],
+    ) -> bool {
+        let mut get = |(&reference, value): (&u32, &mut f64)| match places.get(reference as usize) {
+            Some(&Place { offset, .. }) if offset != Place::NONE => {
+                // SAFETY: the reference belongs to a Real, by the check.
+                *value = unsafe { *real_at(self.memory(), offset) };
+                true
+            }
+            _ => false,
+        };
+        // Many models have one output, for which a loop would take longer than the access.
+        match (references, values) {
+            ([reference], [value]) => get((reference, value)),
+            (references, values) => references.iter().zip(values).all(get),
+        }
+    }
+
+    /// Sets what is at some of the places. Returns false and writes nothing if a variable or value is not
+    /// allowed between steps.
+    #[inline(always)]
+    pub(crate) fn set_each(
+        &mut self,
+        places: &'static [Place; N],
+        references: &[u32],
+        values: &[f64],
+    ) -> bool {
+        // The range is empty unless the variable is a Real that may be set.
+        let is_allowed = |(&reference, value): (&u32, &f64)| {
+            (places.get(reference as usize))
+                .is_some_and(|place| place.min <= *value && *value <= place.max)
+        };
+        // SAFETY: the reference belongs to a Real, by the check.
+        let mut set = |(&reference, &value): (&u32, &f64)| unsafe {
+            *real_at(self.memory(), places.get_unchecked(reference as usize).offset) = value;
+        };
+        // As for getting.
+        if let ([reference], [value]) = (references, values) {
+            let is_set = is_allowed((reference, value));
+            if is_set {
+                set((reference, value));
+            }
+            return is_set;
+        }
+        let all = references.iter().zip(values);
+        let are_set = all.clone().all(is_allowed);
+        if are_set {
+            all.for_each(set);
+        }
+        are_set
+    }
+
+    /// As [`get_each`](Self::get_each), where a reference stands for a variable with all its
+    /// elements. Some values may have been written if it returns false: they are undefined after an error,
+    /// and a loop that checks all references before would take 5 ns.
+    #[inline(always)]
+    pub(crate) fn get_arrays(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        let mut rest = values;
+        for &reference in references {
+            match Self::VARIABLES.get(reference as usize) {
+                Some(place) if place.offset != Place::NONE => {}
+                _ => return false,
+            }
+            // SAFETY: the reference belongs to Reals, by the check.
+            let array = unsafe { self.reals(reference) };
+            let Some((values, others)) = rest.split_at_mut_checked(array.len()) else {
+                return false;
+            };
+            copy(array, values);
+            rest = others;
+        }
+        rest.is_empty()
+    }
+
+    /// As [`set_elements`](Self::set_elements), where a reference stands for a variable with all its
+    /// elements.
+    #[inline(always)]
+    pub(crate) fn set_arrays(&mut self, references: &[u32], values: &[f64]) -> bool {
+        let mut rest = values;
+        for &reference in references {
+            let Some(place) = Self::VARIABLES.get(reference as usize) else {
+                return false;
+            };
+            let length = self.length(&Self::INFO.arrays[reference as usize]);
+            let Some((values, others)) = rest.split_at_checked(length) else {
+                return false;
+            };
+            // The range is empty unless the variable is a Real that may be set.
+            let is_allowed = |value: &f64| place.min <= *value && *value <= place.max;
+            if values.is_empty() || !values.iter().all(is_allowed) {
+                return false;
+            }
+            rest = others;
+        }
+        if !rest.is_empty() {
+            return false;
+        }
+        let mut rest = values;
+        for &reference in references {
+            // SAFETY: the reference belongs to Reals, by the check.
+            let array = unsafe { self.reals(reference) };
+            let Some((values, others)) = rest.split_at_checked(array.len()) else {
+                return false;
+            };
+            copy(values, array);
+            rest = others;
+        }
+        true
+    }
+
+    /// The number of elements in use.
+    #[inline(always)]
+    fn length(&mut self, array: &Extent) -> usize {
+        match Self::HAS_STRUCTURAL_PARAMETERS {
+            // SAFETY: the entry is one of this model.
+            true => unsafe { elements_in_use(self.memory(), array) },
+            false => array.count as usize,
+        }
+    }
+
+    /// The Reals of the variable with the given reference.
+    ///
+    /// # Safety
+    /// The reference belongs to a Float64 in the table of variables.
+    #[inline(always)]
+    unsafe fn reals(&mut self, reference: u32) -> &mut [f64] {
+        // SAFETY: the caller's promise; `Variables` promises an array of `f64` at this offset.
+        unsafe {
+            let place = Self::VARIABLES.get_unchecked(reference as usize);
+            let length = self.length(Self::INFO.arrays.get_unchecked(reference as usize));
+            std::slice::from_raw_parts_mut(real_at(self.memory(), place.offset), length)
+        }
+    }
+}
+
+/// Copies numbers to a slice of the same length. Most are one or a few, for which a call of `memcpy` would
+/// take longer.
+#[inline(always)]
+fn copy(from: &[f64], to: &mut [f64]) {
+    match (from, to) {
+        ([from], [to]) => *to = *from,
+        (from, to) if (2..=4).contains(&from.len()) => copy_ends::<2>(from, to),
+        (from, to) if (5..=8).contains(&from.len()) => copy_ends::<4>(from, to),
+        (from, to) => to.copy_from_slice(from),
+    }
+}
+
+/// Copies the first and the last `K` numbers, which may overlap.
+#[inline(always)]
+fn copy_ends<const K: usize>(from: &[f64], to: &mut [f64]) {
+    if let (Some(from), Some(to)) = (from.first_chunk::<K>(), to.first_chunk_mut()) {
+        *to = *from;
+    }
+    if let (Some(from), Some(to)) = (from.last_chunk::<K>(), to.last_chunk_mut()) {
+        *to = *from;
+    }
 }

@@ -3,7 +3,7 @@
 //! a method of the instance.
 
 use std::any::Any;
-use std::ffi::{CStr, CString, c_void};
+use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
@@ -13,8 +13,8 @@ use fmi_abi::{Call, FmiVersion};
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{LogCategory, Variability};
 
+use crate::any_model::{AnyModel, VariantStarts};
 use crate::error::{ModelError, Severity, ensure};
-use crate::laid_out::{AnyModel, Variant};
 use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::log::Log;
 use crate::resources::Folder;
@@ -68,11 +68,16 @@ impl Settings {
             intermediate_variables: Vec::new(),
         }
     }
+
+    /// Whether the host sees what happens in a step, which is then taken in parts.
+    pub(crate) fn is_stepped_in_parts(&self) -> bool {
+        self.instance_type != InstanceType::CoSimulation || self.intermediate_update.is_some()
+    }
 }
 
 /// What an event has changed, and when the next one is due.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Update {
+pub(crate) struct EventUpdate {
     /// Whether the values of states changed.
     pub(crate) states_changed: bool,
     /// The time of the next event, if it is known.
@@ -91,58 +96,24 @@ pub(crate) struct IntermediateUpdate {
     pub(crate) can_return_early: bool,
 }
 
-/// A pointer to an instance, which begins with its [`Shared`] part.
-pub(crate) type Pointer = *mut c_void;
-
 /// Where the end of a step (s) is returned, if the host wants to know.
-pub(crate) type End<'a> = Option<&'a mut f64>;
-
-/// The functions that depend on the model. The pointer is to an instance of this model, which is not
-/// used concurrently or otherwise during the call; those to arrays are NULL or valid for the lengths that
-/// follow them. A binary for one version of FMI does not contain the functions of the other.
-pub(crate) struct Vtable {
-    /// Gets scalars and elements of arrays: `n` value references, and as many values.
-    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-    pub(crate) get_elements: unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64) -> Status,
-    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-    pub(crate) set_elements: unsafe extern "C" fn(Pointer, *const u32, usize, *const f64) -> Status,
-    /// Gets variables with all their elements: `n` value references, and the values.
-    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-    pub(crate) get_variables:
-        unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64, usize) -> Status,
-    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-    pub(crate) set_variables:
-        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Status,
-    /// Takes a step.
-    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, End) -> Status,
-    /// The number of elements of variables; an unknown one counts as one.
-    #[cfg(target_arch = "wasm32")]
-    pub(crate) count: unsafe fn(Pointer, *const u32, usize) -> usize,
-    pub(crate) instance: unsafe fn(Pointer) -> *mut Instance,
-    pub(crate) free: unsafe fn(Pointer),
-}
+pub(crate) type StepEnd<'a> = Option<&'a mut f64>;
 
 /// An instance of a model.
-#[repr(C)]
 pub(crate) struct Instance<M: ?Sized = dyn AnyModel> {
     pub(crate) shared: Shared,
     pub(crate) model: M,
 }
 
-/// All of a component but its model. The table of functions comes first, so that it can be found without
-/// knowing the model.
-#[repr(C)]
+/// All of an instance but its model.
 pub(crate) struct Shared {
-    pub(crate) vtable: &'static Vtable,
     pub(crate) lifecycle: Lifecycle,
     pub(crate) settings: Settings,
     pub(crate) guid: &'static Guid,
-    variant: Option<Variant>,
+    variant: Option<VariantStarts>,
     /// Until the end of the initialization, a fresh model with the start values of outputs and local variables, if
     /// the host has set any.
     pub(crate) starts: Option<Box<dyn AnyModel>>,
-    /// Whether the host sees what happens in a step, which is then taken in parts.
-    pub(crate) is_stepped_in_parts: bool,
     /// The deviations from the standard of which the host was warned.
     warned: Vec<&'static str>,
     /// The texts and the binary values that the last call returned, which live until the next one.
@@ -157,8 +128,7 @@ pub(crate) struct Shared {
 impl<M: AnyModel> Instance<M> {
     pub(crate) fn new(
         settings: Settings,
-        vtable: &'static Vtable,
-        (guid, variant): (&'static Guid, Option<Variant>),
+        (guid, variant): (&'static Guid, Option<VariantStarts>),
         mut model: M,
     ) -> Self {
         (&mut model as &mut dyn AnyModel).connect(&settings.log);
@@ -175,10 +145,7 @@ impl<M: AnyModel> Instance<M> {
         };
         Self {
             shared: Shared {
-                vtable,
                 lifecycle: Lifecycle::new(settings.instance_type),
-                is_stepped_in_parts: settings.instance_type != InstanceType::CoSimulation
-                    || settings.intermediate_update.is_some(),
                 settings,
                 guid,
                 variant,

@@ -23,7 +23,7 @@ impl Place {
     /// That of no variable.
     const EMPTY: Self = Self { offset: Self::NONE, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
-    const fn of(row: &ScalarVariable) -> Self {
+    const fn from_row(row: &ScalarVariable) -> Self {
         let variable = row.variable;
         let is_settable = matches!(
             (variable.causality, variable.variability),
@@ -115,7 +115,7 @@ pub(crate) struct Tables<const N: usize> {
 }
 
 impl<const N: usize> Tables<N> {
-    pub(crate) const fn of(rows: &[ScalarVariable; N]) -> Self {
+    pub(crate) const fn from_rows(rows: &[ScalarVariable; N]) -> Self {
         let mut tables = Self {
             elements: [Place::EMPTY; N],
             scalars: [Place::EMPTY; N],
@@ -146,7 +146,8 @@ impl<const N: usize> Tables<N> {
     /// have many, for which that would take the compiler long.
     const fn add(&mut self, rows: &[ScalarVariable; N], reference: usize) {
         let row = &rows[reference];
-        let (variable, place, size) = (row.variable, Place::of(row), row.size_parameter(rows));
+        let (variable, place, size) =
+            (row.variable, Place::from_row(row), row.size_parameter(rows));
         let (count, in_use) = (variable.element_count(), row.elements_in_use(rows));
         self.variables[reference] = place;
         self.arrays[reference].count = count as u32;
@@ -256,6 +257,30 @@ pub(crate) struct ModelInfo {
     pub(crate) is_unsaved: bool,
     /// Whether there are structural parameters, and whether any of them is tunable.
     pub(crate) structural_parameters: (bool, bool),
+}
+
+/// The number of elements in use.
+///
+/// # Safety
+/// The entry is one of the table of the model.
+#[inline(always)]
+pub(crate) unsafe fn elements_in_use(model: *mut u8, array: &Extent) -> usize {
+    if array.size == Extent::ALL {
+        return array.count as usize;
+    }
+    // SAFETY: `Variables` promises a `u64` at the offset of a structural parameter.
+    let size = unsafe { *model.byte_add(array.size as usize).cast::<u64>() };
+    size.min(u64::from(array.count)) as usize
+}
+
+/// The Real with the given offset in a model.
+///
+/// # Safety
+/// The offset is one of the Reals in the table of the model, which is borrowed mutably for `'a`.
+#[inline(always)]
+pub(crate) unsafe fn real_at<'a>(model: *mut u8, offset: usize) -> &'a mut f64 {
+    // SAFETY: `Variables` promises an `f64` at this offset.
+    unsafe { &mut *model.byte_add(offset).cast::<f64>() }
 }
 
 /// Sets all variables that have start values to them.

@@ -70,6 +70,7 @@
     allow(dead_code, reason = "what only the other version of FMI uses")
 )]
 
+mod any_model;
 #[cfg(all(fmu_export_no_backtrace, not(target_feature = "crt-static")))]
 mod backtrace;
 #[cfg(target_arch = "wasm32")]

@@ -1,7 +1,8 @@
 //! The functions of a host that only some models need.
 
-use crate::instance::{IntermediateUpdate, Pointer};
+use crate::instance::IntermediateUpdate;
 use crate::model::Model;
+use crate::pointers::Pointer;
 
 #[link(wasm_import_module = "fmi:fmi3/intermediate-update-callbacks@3.0.0")]
 unsafe extern "C" {

@@ -1,6 +1,9 @@
-//! Arrays and texts behind the pointers of a host.
+//! Pointers of a host, and the arrays and texts behind them.
 
-use std::ffi::{CStr, CString, c_char};
+use std::ffi::{CStr, CString, c_char, c_void};
+
+/// A pointer to an instance.
+pub(crate) type Pointer = *mut c_void;
 
 pub(crate) const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
 

@@ -4,9 +4,9 @@
 use fmu_description::hash::checksum;
 use fmu_description::{StateReader, StateWriter};
 
+use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure};
 use crate::instance::{Guid, Instance};
-use crate::laid_out::AnyModel;
 use crate::lifecycle::Lifecycle;
 
 /// The first bytes of a serialized state.

@@ -7,7 +7,7 @@ use dormand_prince::solver::{self, Advanced, Events};
 use fmi_abi::state::State;
 
 use crate::error::ModelError;
-use crate::instance::{End, Instance, IntermediateUpdate, Status};
+use crate::instance::{Instance, IntermediateUpdate, Status, StepEnd};
 use crate::lifecycle::InstanceType;
 
 impl Instance {
@@ -22,7 +22,7 @@ impl Instance {
     }
 
     /// Takes any step.
-    pub(crate) fn step(&mut self, time: f64, step: f64, end: End) -> Status {
+    pub(crate) fn step(&mut self, time: f64, step: f64, end: StepEnd) -> Status {
         if !self.shared.lifecycle.is_next_step(time, step)
             && let Some(status) = self.refuse_step(time, step)
         {
@@ -47,7 +47,7 @@ impl Instance {
         taken: std::thread::Result<Result<(), ModelError>>,
         time: f64,
         step: f64,
-        end: End,
+        end: StepEnd,
     ) -> Status {
         let call = &self.shared.settings.edge.do_step;
         let status = match taken.map(|taken| taken.and_then(|()| self.model.check_outputs())) {
@@ -62,7 +62,7 @@ impl Instance {
     }
 
     /// Returns from a step, whose end is the current time.
-    fn returned(&self, status: Status, end: End) -> Status {
+    fn returned(&self, status: Status, end: StepEnd) -> Status {
         if let Some(end) = end {
             *end = self.shared.lifecycle.now();
         }

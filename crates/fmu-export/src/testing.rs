@@ -16,11 +16,12 @@ use fmu_description::{Causality, LogCategory};
 pub use fmu_description::Value;
 
 use crate::error::{ModelError, Severity, ensure};
-use crate::fast;
-use crate::instance::{Edge, Instance, Pointer, Settings, Status};
+use crate::fast::HostedInstance;
+use crate::instance::{Edge, Instance, Settings, Status};
 use crate::laid_out::LaidOut;
 use crate::log::Log;
 use crate::model::Model;
+use crate::pointers::Pointer;
 use crate::values::HostValue;
 
 static EDGE: Edge = Edge {
@@ -41,7 +42,7 @@ pub trait Drive: Model {
 
 /// An instance of a model.
 #[doc(hidden)]
-pub struct DrivenInstance(Box<Instance>);
+pub struct DrivenInstance(Box<HostedInstance>);
 
 /// Creates an instance of the model `M` with `N` scalar variables.
 #[doc(hidden)]
@@ -49,7 +50,7 @@ pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
     let resources = Err("the test has set no folder of resources".to_owned());
     let settings = Settings::new(&EDGE, Log::new(None, false), resources);
     let identity = (&[0; GUID_LENGTH], None);
-    DrivenInstance(fast::new(settings, identity, LaidOut::<M, N>::of(model)))
+    DrivenInstance(HostedInstance::new(settings, identity, LaidOut::<M, N>::with_model(model)))
 }
 
 /// An instance of a model in co-simulation, for tests: it takes samples at their instants, integrates equations,
@@ -92,7 +93,7 @@ pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
 /// # Ok::<(), ModelError>(())
 /// ```
 pub struct Driver<M> {
-    instance: Box<Instance>,
+    hosted: Box<HostedInstance>,
     log: Rc<RefCell<Vec<Message>>>,
     /// The next communication point is `origin` and `count` times `size` (s).
     origin: f64,
@@ -125,7 +126,7 @@ impl<M: Drive> Driver<M> {
     /// An instance with the parameters and inputs of a model; all other fields get their values in the
     /// initialization.
     pub fn of(model: M) -> Self {
-        let DrivenInstance(mut instance) = M::INSTANCE(model);
+        let DrivenInstance(mut hosted) = M::INSTANCE(model);
         let log = Rc::<RefCell<Vec<Message>>>::default();
         let messages = Rc::clone(&log);
         let sink = move |category: LogCategory, text: &str| {
@@ -135,15 +136,16 @@ impl<M: Drive> Driver<M> {
                 messages.borrow_mut().push(message);
             }
         };
+        let instance = &mut hosted.instance;
         instance.shared.settings.log = Log::new(Some(Box::new(sink)), true);
         instance.model.connect(&instance.shared.settings.log);
-        Self { instance, log, origin: 0.0, count: 0.0, size: 0.0, _model: std::marker::PhantomData }
+        Self { hosted, log, origin: 0.0, count: 0.0, size: 0.0, _model: std::marker::PhantomData }
     }
 
     /// The same with the folder in which the model finds its resources.
     #[must_use]
     pub fn with_resources(mut self, folder: impl Into<PathBuf>) -> Self {
-        self.instance.shared.settings.resources = Ok(folder.into());
+        self.hosted.instance.shared.settings.resources = Ok(folder.into());
         self
     }
 
@@ -152,12 +154,12 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The model cannot be initialized with its values, or is so already.
     pub fn initialize(&mut self, time: f64) -> Result<(), ModelError> {
-        let status = self.instance.call(&INITIALIZE, |c| {
+        let status = self.hosted.instance.call(&INITIALIZE, |c| {
             c.set_experiment(time, None, None)?;
             c.enter(State::Initialization);
             c.exit_initialization_mode()
         });
-        let lifecycle = &mut self.instance.shared.lifecycle;
+        let lifecycle = &mut self.hosted.instance.shared.lifecycle;
         if lifecycle.state == State::Initialization {
             lifecycle.state = State::Instantiated;
         }
@@ -171,11 +173,11 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The step is invalid, the model refuses or discards it, or it panicked.
     pub fn step(&mut self, size: f64) -> Result<(), ModelError> {
-        if self.instance.shared.lifecycle.state == State::Instantiated {
+        if self.hosted.instance.shared.lifecycle.state == State::Instantiated {
             self.initialize(0.0)?;
         }
-        let (time, step) = (self.time(), self.instance.shared.vtable.step);
-        let instance: Pointer = (&raw mut *self.instance).cast();
+        let (time, step) = (self.time(), self.hosted.head.vtable.step);
+        let instance: Pointer = (&raw mut *self.hosted).cast();
         // SAFETY: the function belongs to the instance, which is borrowed for the call.
         let status = unsafe { step(instance, time, size, None) };
         self.result(status)?;
@@ -193,7 +195,7 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The time or the size is not finite, or the size not positive, and as [`step`](Self::step).
     pub fn run(&mut self, stop: f64, size: f64) -> Result<Vec<Vec<f64>>, ModelError> {
-        if self.instance.shared.lifecycle.state == State::Instantiated {
+        if self.hosted.instance.shared.lifecycle.state == State::Instantiated {
             self.initialize(0.0)?;
         }
         let steps = libm::round((stop - self.time()) / size);
@@ -214,7 +216,7 @@ impl<M: Drive> Driver<M> {
         self.origin + self.count * self.size
     }
 
-    /// Sets a variable by its name in the FMU, as a host does. SolverVector of any type stand for others.
+    /// Sets a variable by its name in the FMU, as a host does. Numbers of any type stand for others.
     ///
     /// # Errors
     /// There is no such variable, it cannot be set now, or not to this value.
@@ -230,7 +232,7 @@ impl<M: Drive> Driver<M> {
             (None, None) => HostValue::Other(Err(value.to_string())),
         };
         let set = |c: &mut Instance| c.set(of_type, &[reference], 1, &given);
-        let status = self.instance.call(&EDGE.set_float64, set);
+        let status = self.hosted.instance.call(&EDGE.set_float64, set);
         self.result(status)
     }
 
@@ -243,7 +245,7 @@ impl<M: Drive> Driver<M> {
         let of_type = scalar.variable.start.of_type().accessed_as(EDGE.version);
         let mut found = Value::Boolean(false);
         let get = |c: &mut Instance| c.get(of_type, &[reference], 1, &mut |_, value| found = value);
-        let status = self.instance.call(&EDGE.get_float64, get);
+        let status = self.hosted.instance.call(&EDGE.get_float64, get);
         self.result(status)?;
         Ok(found)
     }
@@ -252,9 +254,9 @@ impl<M: Drive> Driver<M> {
     /// the number of an item.
     pub fn outputs(&mut self) -> Vec<f64> {
         let mut outputs = Vec::new();
-        for reference in 0..self.instance.model.info().count as u32 {
-            let model = &mut self.instance.model;
-            let scalar = model.find(reference).filter(|scalar| {
+        for reference in 0..self.hosted.instance.model.info().count as u32 {
+            let model = &mut self.hosted.instance.model;
+            let scalar = model.scalar_at(reference).filter(|scalar| {
                 let causality = scalar.variable.causality;
                 causality == Causality::Output && model.is_element(scalar, reference)
             });
@@ -273,9 +275,10 @@ impl<M: Drive> Driver<M> {
     }
 
     fn find(&self, name: &str) -> Result<(u32, ScalarVariable), ModelError> {
-        let count = self.instance.model.info().count as u32;
-        let all = (0..count)
-            .filter_map(|reference| Some((reference, self.instance.model.find(reference)?)));
+        let count = self.hosted.instance.model.info().count as u32;
+        let all = (0..count).filter_map(|reference| {
+            Some((reference, self.hosted.instance.model.scalar_at(reference)?))
+        });
         let found = all.clone().find(|(_, scalar)| scalar.name() == name);
         found.ok_or_else(|| {
             let names: Vec<String> = all.map(|(_, scalar)| scalar.name()).collect();
@@ -288,7 +291,8 @@ impl<M: Drive> Driver<M> {
 
     /// The status of a call, with the message that the host would have got.
     fn result(&mut self, status: Status) -> Result<(), ModelError> {
-        let is_broken = matches!(self.instance.shared.lifecycle.state, State::Error | State::Fatal);
+        let is_broken =
+            matches!(self.hosted.instance.shared.lifecycle.state, State::Error | State::Fatal);
         let severity = match status {
             Status::Ok => return Ok(()),
             Status::Discard => Severity::Discarded,
@@ -305,14 +309,14 @@ impl<M: Drive> Deref for Driver<M> {
     type Target = M;
 
     fn deref(&self) -> &M {
-        let model: &dyn Any = self.instance.model.behavior();
+        let model: &dyn Any = self.hosted.instance.model.behavior();
         model.downcast_ref().unwrap_or_else(|| unreachable!("the model of the driver"))
     }
 }
 
 impl<M: Drive> DerefMut for Driver<M> {
     fn deref_mut(&mut self) -> &mut M {
-        let model: &mut dyn Any = self.instance.model.behavior_mut();
+        let model: &mut dyn Any = self.hosted.instance.model.behavior_mut();
         model.downcast_mut().unwrap_or_else(|| unreachable!("the model of the driver"))
     }
 }

@@ -69,7 +69,7 @@ impl Instance {
         put: &mut dyn FnMut(usize, Value),
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
-        let elements = self.elements(references, n)?;
+        let elements = self.element_references(references, n)?;
         let needs_evaluation = self.model.has_derivatives(references);
         let saved = self.prepare(needs_evaluation)?;
         let got = self.get_elements(of_type, &elements, put);
@@ -106,7 +106,7 @@ impl Instance {
                 other => refused!("time is of type Float64, not {}", other.as_str()),
             };
         }
-        let scalar = self.find(of_type, element)?;
+        let scalar = self.scalar_of_type(of_type, element)?;
         let value = self.model.get(&scalar);
         let fitting = match of_type {
             same if same == value.of_type() => return Ok(value),
@@ -124,9 +124,13 @@ impl Instance {
     }
 
     /// The scalar or element with a value reference, if the functions of a type access it.
-    fn find(&mut self, of_type: Type, reference: u32) -> Result<ScalarVariable, ModelError> {
+    fn scalar_of_type(
+        &mut self,
+        of_type: Type,
+        reference: u32,
+    ) -> Result<ScalarVariable, ModelError> {
         let (version, count) = (self.shared.settings.edge.version, self.model.info().count);
-        let scalar = self.model.find(reference).ok_or_else(|| unknown(count, reference))?;
+        let scalar = self.model.scalar_at(reference).ok_or_else(|| unknown(count, reference))?;
         ensure!(
             version == FmiVersion::Fmi3 || self.model.is_element(&scalar, reference),
             "{} is not available in FMI 2.0, where the sizes of arrays are fixed",
@@ -137,15 +141,15 @@ impl Instance {
     }
 
     /// The number of elements that are accessed by a value reference; `None` if it is unknown.
-    pub(crate) fn count(&mut self, reference: u32) -> Option<usize> {
+    pub(crate) fn elements_accessed(&mut self, reference: u32) -> Option<usize> {
         match self.shared.settings.edge.version {
-            FmiVersion::Fmi3 if !self.is_time(reference) => self.model.elements(reference),
+            FmiVersion::Fmi3 if !self.is_time(reference) => self.model.elements_in_use(reference),
             _ => Some(1),
         }
     }
 
     /// The value references of all elements of variables, which are accessed with `n` values.
-    pub(crate) fn elements<'a>(
+    pub(crate) fn element_references<'a>(
         &mut self,
         references: &'a [u32],
         n: usize,
@@ -155,7 +159,7 @@ impl Instance {
         }
         let mut elements = Vec::with_capacity(n);
         for &reference in references {
-            let Some(count) = self.count(reference) else {
+            let Some(count) = self.elements_accessed(reference) else {
                 return refused!("value reference {reference} is unknown");
             };
             elements.extend(reference..reference + count as u32);
@@ -193,12 +197,12 @@ impl Instance {
             !references.iter().any(|&reference| self.is_time(reference)),
             "time is the independent variable, which the host does not set"
         );
-        let elements = self.elements(references, n)?;
+        let elements = self.element_references(references, n)?;
         for (i, &element) in elements.iter().enumerate() {
             self.check(of_type, element, given(i))?;
         }
         for (i, &element) in elements.iter().enumerate() {
-            if let Some(scalar) = self.model.find(element)
+            if let Some(scalar) = self.model.scalar_at(element)
                 && let Ok(value) = given(i).within(scalar.variable)
             {
                 if has_own_start(scalar.variable) && is_start(self.shared.lifecycle.state) {
@@ -221,7 +225,7 @@ impl Instance {
     /// Checks that a value may be set.
     fn check(&mut self, of_type: Type, element: u32, value: HostValue) -> Result<(), ModelError> {
         let Lifecycle { state, instance_type, .. } = self.shared.lifecycle;
-        let scalar = self.find(of_type, element)?;
+        let scalar = self.scalar_of_type(of_type, element)?;
         let value = value.within(scalar.variable);
         // Some hosts set values again that stay the same: OpenModelica all parameters after the initialization, FMPy
         // all inputs when it locates events.

@@ -17,7 +17,7 @@ use fmi_abi::{FmiVersion, c_type, fmi2_functions};
 
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::{free, instance_at, shared};
+use crate::fast::{free, head, instance_at};
 use crate::instance::{Edge, Instance, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
@@ -111,11 +111,58 @@ pub unsafe extern "C" fn fmi2FreeInstance(instance: fmi2Component) {
     unsafe { free(instance) }
 }
 
-vtable! { fmi2Component fmi2Status
-    fmi2GetReal(references: *const u32, n: usize, values: *mut f64) = get_elements;
-    fmi2SetReal(references: *const u32, n: usize, values: *const f64) = set_elements;
-    fmi2DoStep(time: f64, step: f64) = step
-        with None, but not of _no_set_state: fmi2Boolean;
+/// `fmi2GetReal`
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+pub unsafe extern "C" fn fmi2GetReal(
+    instance: fmi2Component,
+    references: *const u32,
+    n: usize,
+    values: *mut f64,
+) -> fmi2Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let status = unsafe {
+        match head(instance) {
+            Some(head) => (head.vtable.get_elements)(instance, references, n, values),
+            None => Status::Error,
+        }
+    };
+    fmi2Status(status as c_int)
+}
+
+/// `fmi2SetReal`
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+pub unsafe extern "C" fn fmi2SetReal(
+    instance: fmi2Component,
+    references: *const u32,
+    n: usize,
+    values: *const f64,
+) -> fmi2Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let status = unsafe {
+        match head(instance) {
+            Some(head) => (head.vtable.set_elements)(instance, references, n, values),
+            None => Status::Error,
+        }
+    };
+    fmi2Status(status as c_int)
+}
+
+/// `fmi2DoStep`
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+pub unsafe extern "C" fn fmi2DoStep(
+    instance: fmi2Component,
+    time: f64,
+    step: f64,
+    _no_set_state: fmi2Boolean,
+) -> fmi2Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let status = unsafe {
+        match head(instance) {
+            Some(head) => (head.vtable.step)(instance, time, step, None),
+            None => Status::Error,
+        }
+    };
+    fmi2Status(status as c_int)
 }
 
 /// The operations whose arguments differ between the versions.

@@ -22,11 +22,11 @@ use fmi_abi::{FmiVersion, c_type, fmi3_functions};
 use fmu_description::{LogCategory, Type, Value};
 
 use super::instantiate;
+use crate::any_model::SolverVector;
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::{free, instance_at, shared};
+use crate::fast::{free, head, instance_at};
 use crate::instance::{Edge, Instance, IntermediateUpdate, Settings, Status};
-use crate::laid_out::SolverVector;
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
 use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
@@ -186,9 +186,42 @@ pub unsafe extern "C" fn fmi3FreeInstance(instance: fmi3Instance) {
     unsafe { free(instance) }
 }
 
-vtable! { fmi3Instance fmi3Status
-    fmi3GetFloat64(references: *const u32, n: usize, values: *mut f64, n_values: usize) = get_variables;
-    fmi3SetFloat64(references: *const u32, n: usize, values: *const f64, n_values: usize) = set_variables;
+/// `fmi3GetFloat64`
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+pub unsafe extern "C" fn fmi3GetFloat64(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    values: *mut f64,
+    n_values: usize,
+) -> fmi3Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let status = unsafe {
+        match head(instance) {
+            Some(head) => (head.vtable.get_variables)(instance, references, n, values, n_values),
+            None => Status::Error,
+        }
+    };
+    fmi3Status(status as c_int)
+}
+
+/// `fmi3SetFloat64`
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+pub unsafe extern "C" fn fmi3SetFloat64(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    values: *const f64,
+    n_values: usize,
+) -> fmi3Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let status = unsafe {
+        match head(instance) {
+            Some(head) => (head.vtable.set_variables)(instance, references, n, values, n_values),
+            None => Status::Error,
+        }
+    };
+    fmi3Status(status as c_int)
 }
 
 /// `fmi3DoStep`
@@ -208,15 +241,13 @@ pub unsafe extern "C" fn fmi3DoStep(
         put(event_handling_needed, fmi3False);
         put(terminate, fmi3False);
         put(early_return, fmi3False);
-        match shared(instance) {
-            Some(shared) if shared.is_stepped_in_parts => {
+        match head(instance) {
+            Some(head) if head.is_stepped_in_parts => {
                 let (event, early, last) =
                     (event_handling_needed, early_return, last_successful_time);
                 step_in_parts(instance, time, step, event, early, last)
             }
-            Some(shared) => {
-                (shared.vtable.step)(instance, time, step, last_successful_time.as_mut())
-            }
+            Some(head) => (head.vtable.step)(instance, time, step, last_successful_time.as_mut()),
             None => Status::Error,
         }
     };
@@ -354,12 +385,12 @@ impl Operations for Instance {}
 /// The operations that only this version has.
 impl Instance {
     fn get_number_of_event_indicators(&mut self, n: &mut usize) -> Result<(), ModelError> {
-        *n = self.model.length(SolverVector::EventIndicators);
+        *n = self.model.vector_length(SolverVector::EventIndicators);
         Ok(())
     }
 
     fn get_number_of_continuous_states(&mut self, n: &mut usize) -> Result<(), ModelError> {
-        *n = self.model.length(SolverVector::States);
+        *n = self.model.vector_length(SolverVector::States);
         Ok(())
     }
 

@@ -15,9 +15,9 @@ use fmu_description::{LogCategory, Type, Value};
 
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::instance::{Instance, Pointer, Settings};
+use crate::instance::{Instance, Settings};
 use crate::lifecycle::InstanceType;
-use crate::pointers::{c_text, texts};
+use crate::pointers::{Pointer, c_text, texts};
 use crate::values::HostValue;
 
 /// Defines the entry points of a version from the rows of its functions that have an instance.
@@ -32,7 +32,7 @@ macro_rules! entries {
 }
 
 macro_rules! entry {
-    // Written by hand, as hosts call them at every step.
+    // Written out in each edge, as hosts call them at every step.
     ($i:ident $s:ident fmi2GetReal $($row:tt)*) => {};
     ($i:ident $s:ident fmi2SetReal $($row:tt)*) => {};
     ($i:ident $s:ident fmi2DoStep $($row:tt)*) => {};
@@ -71,30 +71,6 @@ macro_rules! entry {
             $s(status as c_int)
         }
     };
-}
-
-/// Defines the entry points that hosts call at every step, each by a function of
-/// [`Vtable`](crate::instance::Vtable) with the same arguments, or one more.
-macro_rules! vtable {
-    ($instance:ident $status:ident $(
-        $name:ident($($arg:ident: $type:ty),*) = $fast:ident
-            $(with $last:expr)? $(, but not of $ignored:ident: $other:ty)?;
-    )*) => { $(
-        #[doc = concat!("`", stringify!($name), "`")]
-        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
-        pub unsafe extern "C" fn $name(
-            instance: $instance $(, $arg: $type)* $(, $ignored: $other)?
-        ) -> $status {
-            // SAFETY: the host's promises, as for all entry points.
-            let status = unsafe {
-                match shared(instance) {
-                    Some(shared) => (shared.vtable.$fast)(instance $(, $arg)* $(, $last)?),
-                    None => Status::Error,
-                }
-            };
-            $status(status as c_int)
-        }
-    )* };
 }
 
 /// The argument of a host as a Rust type, or why it is refused.

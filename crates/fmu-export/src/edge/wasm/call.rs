@@ -9,8 +9,8 @@ use super::scratch::{self, put};
 use crate::canonical::Answer;
 use crate::edge::fmi3::{fmi3OK, fmi3Status};
 use crate::fast::instance_at;
-use crate::instance::Pointer;
 use crate::log::text_of_panic;
+use crate::pointers::Pointer;
 
 thread_local! {
     /// The instance of the current call, whose log has the message of a panic.

@@ -3,7 +3,7 @@
 use super::call::CURRENT;
 use super::methods::DoStepResult;
 use crate::edge::fmi3::*;
-use crate::instance::Pointer;
+use crate::pointers::Pointer;
 
 /// Variables that every step sets or gets, as they are passed to C.
 #[repr(C)]

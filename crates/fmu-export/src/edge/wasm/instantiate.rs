@@ -9,10 +9,11 @@ use super::scratch::put;
 use crate::canonical::{slice, text};
 use crate::edge::fmi3::{EDGE, fmi3FreeInstance};
 use crate::entry::Entry;
-use crate::instance::{Pointer, Settings};
+use crate::instance::Settings;
 use crate::lifecycle::InstanceType;
 use crate::log::{self, Log, Sink};
 use crate::needs::new_co_simulation;
+use crate::pointers::Pointer;
 
 #[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
 unsafe extern "C" {

@@ -8,12 +8,13 @@ use fmu_description::{Type, Value};
 
 use super::call::{answer, call};
 use super::scratch::{allocate, copied, put};
+use crate::any_model::SolverVector;
 use crate::canonical::{Answer, List, Text, Values, list, slice, texts};
 use crate::edge::fmi3::*;
 use crate::error::{ModelError, refused};
-use crate::fast::{instance_at, shared};
-use crate::instance::{Instance, Pointer};
-use crate::laid_out::SolverVector;
+use crate::fast::{head, instance_at};
+use crate::instance::Instance;
+use crate::pointers::Pointer;
 use crate::values::HostValue;
 
 /// Gets numbers by a function of C, which writes `n` of them.
@@ -67,7 +68,9 @@ unsafe fn get<T>(instance: Pointer, references: *const u32, n: usize, by: Get<T>
 /// As [`slice`].
 unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
     // SAFETY: the caller's promise.
-    unsafe { shared(instance).map_or(0, |shared| (shared.vtable.count)(instance, references, n)) }
+    unsafe {
+        head(instance).map_or(0, |head| (head.vtable.count_elements)(instance, references, n))
+    }
 }
 
 /// Defines the functions whose arguments are those of C, from the rows of `fmi-abi`.
@@ -119,7 +122,7 @@ macro_rules! method {
         unsafe extern "C" fn $operation(instance: Pointer) -> Values<f64> {
             // SAFETY: the host's promises.
             unsafe {
-                let n = instance_at(instance).map_or(0, |c| c.model.length(SolverVector::$which));
+                let n = instance_at(instance).map_or(0, |c| c.model.vector_length(SolverVector::$which));
                 values(instance, n, |first, n| $name(instance, first, n))
             }
         }

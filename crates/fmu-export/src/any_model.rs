@@ -1,0 +1,264 @@
+//! A model of any type, as the code that is compiled once sees it: what is compiled for each model, and access to its variables.
+
+use std::any::Any;
+
+use dormand_prince::solver::{Advanced, Step, Workspace};
+use fmu_description::scalar::{self, ScalarVariable};
+use fmu_description::{
+    Causality, Dynamics, Overrides, StateError, StateReader, StateWriter, Value,
+};
+
+use crate::error::ModelError;
+use crate::layout::{self, ModelInfo, copy_fields, elements_in_use, has_own_start, real_at};
+use crate::log::Log;
+use crate::model::Behavior;
+
+/// A model of any type. The functions on `dyn AnyModel` are compiled once.
+pub(crate) trait AnyModel: Any {
+    fn info(&self) -> &'static ModelInfo;
+    /// The model in memory, with its variables at the offsets of the table.
+    fn memory(&mut self) -> *mut u8;
+    /// Sets all values to their start values, also of a variant.
+    fn reset(&mut self, variant: Option<VariantStarts>);
+    /// Becomes a fresh model with the values that the host has set.
+    fn renew(&mut self);
+    /// The time derivative of an input, if the host may set it.
+    fn input_derivative(&mut self, reference: u32) -> Option<&mut f64>;
+    /// The derivative of a variable with respect to an input or a state, see
+    /// [`Variables::directional_derivative`](crate::Variables::directional_derivative).
+    fn derivative(&self, unknown: u32, known: u32) -> f64;
+    /// Checks that all Real outputs are finite.
+    fn check_outputs(&mut self) -> Result<(), ModelError>;
+    /// A hash of the variables that cause an event by a new value, if the model is integrated and has any; else 0.
+    fn hash_of_switches(&mut self) -> u128;
+    /// Integrates the equations over a step.
+    fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
+    /// What the author has written.
+    fn behavior(&self) -> &dyn Behavior;
+    fn behavior_mut(&mut self) -> &mut dyn Behavior;
+    fn copy(&self) -> Box<dyn AnyModel>;
+    /// Copies another model into the memory of this one; false if it is of another type.
+    fn assign(&mut self, from: &dyn AnyModel) -> bool;
+    fn save(&self, to: &mut StateWriter) -> Result<(), StateError>;
+    /// Some fields may be loaded if that fails.
+    fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
+}
+
+impl dyn AnyModel {
+    /// Connects the log of the model, if it has one.
+    pub(crate) fn connect(&mut self, to: &Log) {
+        if let Some(log) = self.behavior_mut().log() {
+            log.clone_from(to);
+        }
+    }
+
+    /// Takes the start values of outputs and local variables from another model of its type.
+    pub(crate) fn take_starts(&mut self, from: &mut Self) {
+        if (*self).type_id() == (*from).type_id() {
+            // SAFETY: both are models with these rows.
+            unsafe { copy_fields(self.memory(), from.memory(), self.info().rows, has_own_start) };
+        }
+    }
+
+    /// Sets the start values of a variant. Returns whether it uses fewer elements of an array than the table.
+    fn override_starts(&mut self, mut overrides: Overrides) -> bool {
+        while let Some((start, rest)) = overrides.next() {
+            if let Some(scalar) = self.scalar_at(start.reference as u32)
+                && let Some(value) = start.value(scalar.variable.start.of_type())
+            {
+                self.set(&scalar, value);
+            }
+            overrides = rest;
+        }
+        let arrays = match self.info().structural_parameters.0 {
+            true => self.info().arrays,
+            false => &[],
+        };
+        let mut in_use = (0..).zip(arrays).filter(|(_, array)| array.count > 0);
+        in_use.any(|(reference, array)| {
+            self.elements_in_use(reference) < Some(array.default as usize)
+        })
+    }
+
+    /// The scalar variable with the given value reference.
+    pub(crate) fn scalar_at(&self, reference: u32) -> Option<ScalarVariable> {
+        scalar::scalar_at(self.info().rows, reference as usize)
+    }
+
+    pub(crate) fn get(&mut self, scalar: &ScalarVariable) -> Value {
+        // SAFETY: `Variables` promises a value of the type of the table at this place of the model.
+        unsafe { layout::get(self.memory().byte_add(scalar.absolute_offset()), scalar.variable) }
+    }
+
+    pub(crate) fn set(&mut self, scalar: &ScalarVariable, value: Value) {
+        // SAFETY: as above; the model is borrowed mutably.
+        unsafe {
+            layout::set(self.memory().byte_add(scalar.absolute_offset()), scalar.variable, value)
+        }
+    }
+
+    /// Number of elements in use of the variable whose first element has the given value reference;
+    /// `None` for other references.
+    pub(crate) fn elements_in_use(&mut self, reference: u32) -> Option<usize> {
+        let array = self.info().arrays.get(reference as usize)?;
+        // SAFETY: the entry is one of this model.
+        (array.count > 0).then(|| unsafe { elements_in_use(self.memory(), array) })
+    }
+
+    /// Whether a host can address the scalar of a reference by itself: it is no structural parameter, and an element in
+    /// use of an array.
+    pub(crate) fn is_element(&mut self, scalar: &ScalarVariable, reference: u32) -> bool {
+        let first = reference.wrapping_sub(scalar.element as u32);
+        scalar.variable.causality != Causality::StructuralParameter
+            && self.elements_in_use(first).is_some_and(|elements| scalar.element < elements)
+    }
+
+    /// Whether any of the variables is computed only when a host asks for it.
+    pub(crate) fn has_derivatives(&self, references: &[u32]) -> bool {
+        let info = self.info();
+        let are_there = !(info.states.is_empty() && info.event_indicators.is_empty());
+        are_there
+            && references.iter().any(|&reference| {
+                self.scalar_at(reference).is_some_and(|scalar| {
+                    matches!(
+                        scalar.variable.dynamics,
+                        Dynamics::Derivative { .. } | Dynamics::EventIndicator
+                    )
+                })
+            })
+    }
+
+    /// How many of these numbers there are.
+    pub(crate) fn vector_length(&self, vector: SolverVector) -> usize {
+        match vector {
+            SolverVector::EventIndicators => self.info().event_indicators.len(),
+            _ => self.info().states.len(),
+        }
+    }
+
+    /// Reads as many of these numbers as there are values.
+    pub(crate) fn read_vector(&mut self, which: SolverVector, values: &mut [f64]) {
+        let info = self.info();
+        for (i, value) in values.iter_mut().enumerate().take(self.vector_length(which)) {
+            let offset = match which {
+                SolverVector::Nominals => {
+                    *value = info.states[i].nominal;
+                    continue;
+                }
+                SolverVector::EventIndicators => info.event_indicators[i],
+                SolverVector::Derivatives => info.states[i].derivative_offset,
+                SolverVector::States => info.states[i].state_offset,
+            };
+            // SAFETY: the offsets come from the table.
+            *value = unsafe { *real_at(self.memory(), offset) };
+        }
+    }
+
+    pub(crate) fn event_indicator(&mut self, index: usize) -> f64 {
+        // SAFETY: the offsets come from the table.
+        unsafe { *real_at(self.memory(), self.info().event_indicators[index]) }
+    }
+
+    /// Sets the first states.
+    pub(crate) fn set_states(&mut self, states: &[f64]) {
+        for (state, value) in self.info().states.iter().zip(states) {
+            // SAFETY: the offsets come from the table.
+            unsafe { *real_at(self.memory(), state.state_offset) = *value };
+        }
+    }
+
+    /// Evaluates the equations for an event, which can read event indicators and derivatives for the current inputs. An
+    /// event may mend what cannot be evaluated; if it does not, the next evaluation fails.
+    pub(crate) fn evaluate_before_event(&mut self, time: f64) {
+        let _ = self.behavior_mut().on_evaluate(time);
+    }
+
+    /// The current states.
+    pub(crate) fn states(&mut self) -> Vec<f64> {
+        let mut states = vec![0.0; self.vector_length(SolverVector::States)];
+        self.read_vector(SolverVector::States, &mut states);
+        states
+    }
+
+    /// The error that names the first output that is not finite, if there is one.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn find_not_finite(&mut self) -> Result<(), ModelError> {
+        for reference in 0..self.info().count as u32 {
+            if let Some(scalar) = self.scalar_at(reference)
+                && scalar.variable.causality == Causality::Output
+                && let Some(value) = self.get(&scalar).as_real()
+                && !value.is_finite()
+            {
+                return Err(ModelError::new(format_args!(
+                    "{} became {value}: the simulation diverges",
+                    scalar.name()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that outputs, derivatives and event indicators are finite.
+    pub(crate) fn check_equations(&mut self) -> Result<(), ModelError> {
+        self.check_outputs()?;
+        let info = self.info();
+        let derivatives = info.states.iter().map(|state| state.derivative_offset);
+        for offset in derivatives.chain(info.event_indicators.iter().copied()) {
+            // SAFETY: the offsets come from the table.
+            let value = unsafe { *real_at(self.memory(), offset) };
+            if !value.is_finite() {
+                return Err(self.not_finite(offset, value));
+            }
+        }
+        Ok(())
+    }
+
+    #[cold]
+    fn not_finite(&self, offset: usize, value: f64) -> ModelError {
+        let mut all =
+            (0..self.info().count as u32).filter_map(|reference| self.scalar_at(reference));
+        let found = all.find(|scalar| scalar.offset_of_real() == Some(offset));
+        let name = found.map(|scalar| scalar.name()).unwrap_or_default();
+        ModelError::new(format_args!("{name} became {value}"))
+    }
+
+    /// Sets all input derivatives to zero.
+    pub(crate) fn clear_input_derivatives(&mut self) {
+        for reference in 0..self.info().count as u32 {
+            if let Some(derivative) = self.input_derivative(reference) {
+                *derivative = 0.0;
+            }
+        }
+    }
+}
+
+/// The numbers that a solver exchanges with a model, in the order of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum SolverVector {
+    States,
+    Derivatives,
+    Nominals,
+    EventIndicators,
+}
+
+/// The start values of a variant, and the function that sets them, which other binaries need not contain.
+#[derive(Clone, Copy)]
+pub(crate) struct VariantStarts {
+    overrides: Overrides,
+    set: fn(&mut dyn AnyModel, Overrides) -> bool,
+}
+
+impl VariantStarts {
+    pub(crate) const fn new(overrides: Overrides) -> Option<Self> {
+        match overrides.is_empty() {
+            true => None,
+            false => Some(Self { overrides, set: <dyn AnyModel>::override_starts }),
+        }
+    }
+
+    /// Sets the start values. Returns whether the variant uses fewer elements of an array than the table.
+    pub(crate) fn set(self, model: &mut dyn AnyModel) -> bool {
+        (self.set)(model, self.overrides)
+    }
+}
