@@ -8,22 +8,11 @@ use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
 use fmu_description::{Causality, Value, XmlVariable};
 use fmu_host::{Cause, Failure, Instance, Status};
 
-use super::run::{EVENT_EVERY, Place, Run};
+use crate::binary::run::{EVENT_EVERY, Place, Run};
 use crate::rules::is_continuous;
 
 /// The largest relative tolerance of the solver.
 const TOLERANCE: f64 = 1e-4;
-
-/// What the solver needs, besides what belongs to the state of the run.
-#[derive(Default)]
-pub struct Solver {
-    workspace: Option<Workspace>,
-    derivatives: Vec<f64>,
-    indicators: Vec<f64>,
-    pub nominals: Vec<f64>,
-    /// Whether an event has changed them.
-    pub has_new_nominals: bool,
-}
 
 /// Why an integration has stopped.
 enum Trouble {

@@ -1,67 +1,39 @@
 //! Tests that run a binary, each in its own process, since the binary may crash, hang or exit.
 
+mod checker;
 mod exchange;
+mod excitation;
+mod observed;
 mod probes;
+mod report;
 mod run;
-mod values;
+mod subject;
+mod task;
+mod vocabulary;
+mod worker;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
-use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io::Read;
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::Mutex;
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Instant, SystemTime};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use fmu_description::xml::Element;
 use fmu_description::{ModelDescription, Type, XmlVariable};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
-use fmu_host::InterfaceType;
-use fmu_worker::{Ended, Event, Function, Limits, Snapshot, Worker, available_memory};
-use serde::{Deserialize, Serialize};
+use fmu_worker::available_memory;
 use tempfile::TempDir;
 
+use crate::binary::checker::{Checker, MEMORY, WORK};
+use crate::binary::task::{FMU, Task};
+use crate::binary::vocabulary::{ONLY_ONCE, claims};
 use crate::finding::{Findings, find};
-use crate::rule::{RULES, Rule, Severity, rule};
-pub use probes::run as probe;
-use probes::{INSTANCES, MISTAKES, OTHERS, Probe};
-use run::lock;
-use values::{Difference, EXCITATIONS, MAX_ELEMENTS, Row, Trajectory};
-
-/// How to start a test process, and how much to test.
-#[derive(Debug)]
-pub struct Probes {
-    /// The program to start.
-    pub program: PathBuf,
-    /// Its arguments, for which it calls [`crate::probe`].
-    pub arguments: Vec<OsString>,
-    /// Time limit of each call.
-    pub time_limit: Duration,
-    /// Whether to run only a few tests, with inputs at their start values.
-    pub is_quick: bool,
-    /// Whether to run WebAssembly components only; by default, they are run if there is no binary for this machine.
-    pub sandbox: bool,
-}
-
-/// Number of steps of a quick test, and maximum number of a short run.
-const FEW_STEPS: usize = 5;
-const SHORT_RUN: usize = 300;
-/// Maximum duration of a short run, as a fraction of the time limit of a call.
-const SHORT_TIME: f64 = 0.03;
-/// Time limit of a test, relative to the time limit of a call.
-const TEST_TIME: u32 = 2;
-/// Maximum memory of a test process.
-const MEMORY: u64 = 4 << 30;
-/// Time that a process has to end after its test.
-const GRACE: Duration = Duration::from_secs(2);
-/// The folder of the unpacked FMU in the session, and the one with the working directories of the tests.
-const FMU: &str = "fmu";
-const WORK: &str = "work";
+use crate::rule::rule;
+pub use checker::Probes;
+pub use worker::run as probe;
 
 /// The sizes of files, and the times of their last changes.
 type Files = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
@@ -125,7 +97,7 @@ pub fn check(
                     session: session.path().to_owned(),
                     binary: binary.clone(),
                     seconds: probes.time_limit.as_secs(),
-                    is_alone: is_alone || run::claims(element, run::ONLY_ONCE, model.version),
+                    is_alone: is_alone || claims(element, ONLY_ONCE, model.version),
                     ignored,
                     ..Task::default()
                 },
@@ -158,7 +130,7 @@ pub fn check(
 
 /// How many tests run at the same time: one on each core, if there is memory for all of them. A tool that an FMU needs
 /// may be there only once.
-fn workers(interface: &Element<'_>) -> usize {
+pub fn workers(interface: &Element<'_>) -> usize {
     if interface.is_true("needsExecutionTool") {
         return 1;
     }
@@ -180,530 +152,6 @@ fn unpack(text: &str, archive: &mut Archive, platform: Platform) -> Result<TempD
         archive.unpack(prefix, &fmu)?;
     }
     Ok(session)
-}
-
-/// What a test process is to do.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-struct Task {
-    probe: String,
-    /// The element of the interface type under test.
-    interface: String,
-    /// The folder with the model description, and with the folder of the unpacked FMU.
-    session: PathBuf,
-    /// The binary, relative to the folder of the FMU.
-    binary: String,
-    /// The index of one of [`EXCITATIONS`].
-    excitation: usize,
-    steps: usize,
-    seconds: u64,
-    /// Whether the FMU logs more than problems.
-    logging: bool,
-    /// Whether wrong calls crash it.
-    is_fragile: bool,
-    /// Whether a process may have one instance only.
-    is_alone: bool,
-    /// Names of variables that are not observed.
-    ignored: HashSet<String>,
-    /// The rows of the usual run, if the process cannot have an instance for it besides that of the test.
-    usual: Option<Trajectory>,
-}
-
-impl Task {
-    fn interface_type(&self) -> InterfaceType {
-        match self.interface.as_str() {
-            "ModelExchange" => InterfaceType::ModelExchange,
-            _ => InterfaceType::CoSimulation,
-        }
-    }
-}
-
-/// What the process replies, in any number and order until it is done.
-#[derive(Debug, Serialize, Deserialize)]
-enum Reply {
-    /// The name of a rule, and what breaks it.
-    Found(String, String),
-    /// The name of a variable that cannot be read.
-    Unreadable(String),
-    /// How fast the default experiment was run; not if the FMU refuses the excitation of its inputs.
-    Ran(Pace),
-    /// The values at a time (s) of a run.
-    Row(f64, Row),
-    /// The test has ended, but for the end of the library.
-    Tested,
-    /// There is no more to come.
-    Done,
-}
-
-/// How fast a run was.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-struct Pace {
-    /// The number of steps, and their duration in s.
-    steps: usize,
-    seconds: f64,
-    /// The duration of the longest step or of the initialization in s.
-    longest: f64,
-}
-
-/// What a test has found.
-struct Found {
-    rule: &'static Rule,
-    text: String,
-    /// What is the same if other tests find what has the same cause.
-    cause: String,
-    is_crash: bool,
-}
-
-/// What a process has replied, and how it ended.
-#[derive(Default)]
-struct Outcome {
-    found: Vec<Found>,
-    unreadable: Vec<String>,
-    ran: Option<Pace>,
-    rows: Trajectory,
-    has_message: bool,
-    /// Whether the process was killed after its time.
-    timed_out: bool,
-    /// Whether the process ended by itself, or by a call, before its test did.
-    is_cut: bool,
-    /// Whether there was no time for the test.
-    left_out: bool,
-}
-
-/// A test, and the environment variables that it is run with.
-type Job<'a> = (&'static Probe, &'a [(&'a str, &'a str)]);
-
-impl Outcome {
-    /// Whether the test itself has failed, or could not be made, besides what else it has found.
-    fn fails(&self, probe: &Probe) -> bool {
-        let is_failure = |rule: &Rule| *rule == *probe.rule || *rule == *rule!("binary-not-run");
-        self.is_cut || self.found.iter().any(|found| is_failure(found.rule))
-    }
-
-    /// The rows of a run, unless it has failed, which is a finding of its own.
-    fn trace(self, probe: &Probe) -> Option<Trajectory> {
-        (!self.left_out && !self.fails(probe)).then_some(self.rows)
-    }
-
-    fn add(&mut self, reply: Reply) {
-        match reply {
-            Reply::Found(id, text) => {
-                let cause = text.split_once(", but: ").map_or(text.as_str(), |(_, cause)| cause);
-                let (cause, is_crash) = (cause.to_owned(), false);
-                let rule = RULES.iter().find(|rule| rule.id == id);
-                self.found.extend(rule.map(|rule| Found { rule, text, cause, is_crash }));
-            }
-            Reply::Unreadable(name) => self.unreadable.push(name),
-            Reply::Ran(pace) => self.ran = Some(pace),
-            Reply::Row(time, row) => self.rows.push((time, row)),
-            Reply::Tested => self.is_cut = false,
-            Reply::Done => {}
-        }
-    }
-}
-
-struct Checker<'a> {
-    model: &'a ModelDescription<'a>,
-    probes: &'a Probes,
-    element: &'a Element<'a>,
-    /// The task, but for the test.
-    task: Task,
-    /// What was found, whatever the FMU declares, and how severe it is. Tests make the same calls, so that they find
-    /// the same.
-    seen: HashMap<String, Severity>,
-    /// The rules that tests have found broken, and the first of these tests with what stands before its findings.
-    broken: HashMap<&'static str, [&'static str; 2]>,
-    /// The duration of the longest step or of the initialization in s.
-    longest: f64,
-    /// What was not tested, as it cannot be, or the FMU does not allow it.
-    untested: Vec<String>,
-    /// How many tests run at the same time.
-    workers: usize,
-    /// When the time for all tests is over, and the tests that were left out for that.
-    deadline: Instant,
-    left_out: Vec<&'static str>,
-    /// Stands before what is found, if the FMU has another interface type.
-    about: &'static str,
-    findings: &'a mut Findings,
-}
-
-/// The library by which glibc checks the heap, where it is installed.
-fn heap_checker() -> Option<PathBuf> {
-    const LIBRARY: &str = "libc_malloc_debug.so.0";
-    let own = format!("{}-linux-gnu", std::env::consts::ARCH);
-    let folders = ["/lib", "/lib64", "/usr/lib", "/usr/lib64"].map(Path::new);
-    let mut files = folders.iter().flat_map(|f| [f.join(LIBRARY), f.join(&own).join(LIBRARY)]);
-    files.find(|file| file.is_file())
-}
-
-impl Checker<'_> {
-    fn run(&mut self) -> Result<()> {
-        self.run_tests()?;
-        if !self.left_out.is_empty() {
-            let (count, names) = (self.left_out.len(), self.left_out.join(", "));
-            let tests = if count == 1 { "test" } else { "tests" };
-            let text = format!("there was no time for {count} {tests}: {names}");
-            self.add(rule!("not-tested"), text);
-        }
-        Ok(())
-    }
-
-    fn run_tests(&mut self) -> Result<()> {
-        for (_, variable) in self.model.variables() {
-            let (name, n) = (quote(&variable.name), variable.element_count());
-            if n > MAX_ELEMENTS {
-                let limit = format!("expected at most {MAX_ELEMENTS} for tests");
-                self.add(rule!("not-tested"), format!("{name} has {n} elements, {limit}"));
-            }
-        }
-        for name in ["identity", "readable"] {
-            let probe = Probe::named(name)?;
-            let outcome = self.test(probe)?;
-            // An FMU that cannot be loaded or initialized would fail all other tests too.
-            if outcome.fails(probe) {
-                return Ok(());
-            }
-            self.task.ignored.extend(outcome.unreadable);
-        }
-        // Without time, the tests that follow are only named.
-        if !self.experiment()? && Instant::now() <= self.deadline {
-            return Ok(());
-        }
-        self.compare_processes()?;
-        // One cause is one finding: if instances share state, the other tests make one in each process.
-        let jobs = self.jobs(INSTANCES);
-        let outcomes = self.tests(&jobs)?;
-        let mut pairs = jobs.iter().zip(&outcomes);
-        if pairs.any(|((probe, _), outcome)| outcome.fails(probe)) {
-            self.task.is_alone = true;
-        }
-        if self.task.is_alone {
-            let trace = Probe::named("trace")?;
-            self.task.usual = self.test(trace)?.trace(trace);
-        }
-        if let Some(checker) = heap_checker().filter(|_| !self.probes.is_quick) {
-            let checker = checker.to_string_lossy();
-            let checked = [("LD_PRELOAD", &*checker), ("GLIBC_TUNABLES", "glibc.malloc.check=3")];
-            self.tests(&[(Probe::named("heap")?, &checked)])?;
-        }
-        // Other tests make no mistakes if these crash.
-        for group in [MISTAKES, OTHERS] {
-            let jobs = self.jobs(group);
-            let outcomes = self.tests(&jobs)?;
-            let mut found = outcomes.iter().flat_map(|outcome| &outcome.found);
-            self.task.is_fragile |= found.any(|found| *found.rule == *rule!("survives-misuse"));
-        }
-        Ok(())
-    }
-
-    /// The tests of a group that apply to the FMU.
-    fn jobs(&self, group: &'static [Probe]) -> Vec<Job<'static>> {
-        let group = group.iter().filter(|probe| {
-            (probe.is_quick() || !self.probes.is_quick)
-                && probe.applies(self.element, self.model.version, self.task.is_alone)
-        });
-        group.map(|probe| (probe, [].as_slice())).collect()
-    }
-
-    /// Runs the default experiment with the strongest excitation that the FMU accepts; returns whether
-    /// there is one with which it runs.
-    fn experiment(&mut self) -> Result<bool> {
-        let strongest = if self.probes.is_quick { 2 } else { 0 };
-        for (excitation, strength) in EXCITATIONS.into_iter().enumerate().skip(strongest) {
-            self.task.excitation = excitation;
-            let outcome = self.test(Probe::named("experiment")?)?;
-            if let Some(pace) = outcome.ran {
-                self.task.steps = self.short(pace);
-                self.longest = pace.longest;
-                let has_inputs = !values::inputs(self.model).is_empty();
-                if excitation > strongest && has_inputs {
-                    self.untested.push(match strength {
-                        0.0 => "changes of inputs, which it refuses".into(),
-                        _ => "larger changes of inputs, which it refuses".into(),
-                    });
-                }
-                return Ok(true);
-            }
-            // A crash has been reported; the other tests then use a weaker excitation.
-        }
-        Ok(false)
-    }
-
-    /// The number of steps of a short run. Two short runs fit into the default experiment.
-    fn short(&self, Pace { steps, seconds, .. }: Pace) -> usize {
-        if self.probes.is_quick {
-            return FEW_STEPS.min(steps / 2).max(1);
-        }
-        let time = SHORT_TIME * self.task.seconds as f64;
-        let affordable = time / (seconds / steps.max(1) as f64).max(1e-9);
-        SHORT_RUN.min(steps / 2).min(affordable as usize).max(1)
-    }
-
-    /// Makes the same run in several processes that differ in what must not matter.
-    fn compare_processes(&mut self) -> Result<()> {
-        /// Values may differ by this much, relative to their size, for reasons such as the alignment of
-        /// memory.
-        const ROUNDING: f64 = 1e-9;
-        // glibc fills memory with a pattern when it is allocated.
-        // All numbers made of it are far from 0: 32.5, 1077952576, and so on.
-        const PATTERN: &[(&str, &str)] =
-            &[("MALLOC_PERTURB_", "191"), ("GLIBC_TUNABLES", "glibc.malloc.perturb=191")];
-        let named = Probe::named;
-        let mut jobs: Vec<Job<'_>> = vec![(named("trace")?, &[]), (named("trace")?, &[])];
-        if !self.probes.is_quick {
-            jobs.push((named("trace")?, PATTERN));
-            jobs.push((named("trace-logging")?, &[]));
-        }
-        let outcomes = self.tests(&jobs)?;
-        let mut traces =
-            jobs.iter().zip(outcomes).map(|((probe, _), outcome)| outcome.trace(probe));
-        let observed = run::observed(self.model, &self.task.ignored);
-        let (Some(Some(expected)), Some(Some(again))) = (traces.next(), traces.next()) else {
-            return Ok(());
-        };
-        let how = ["in a second process", " as in the first"];
-        let names = |tolerance| -> HashSet<_> {
-            let differences = observed.differences(&again, &expected, tolerance, how);
-            differences.iter().map(|d| d.variable.name.clone()).collect()
-        };
-        let (rounded, volatile) = (names(0.0), names(ROUNDING));
-        let differences = observed.differences(&again, &expected, ROUNDING, how);
-        if let Some(first) = Difference::first(&differences) {
-            let others = match volatile.len() - 1 {
-                0 => String::new(),
-                more => format!("; other variables that do: {more}"),
-            };
-            let text = format!("two equal runs differ: {}{others}", first.text);
-            self.add(rule!("reproducible"), text);
-        }
-        let logging = "with another instance name and logging";
-        let how = [
-            (rule!("initialised-memory"), "when new memory is not zero"),
-            (rule!("independent-of-host"), logging),
-        ];
-        for (trace, (rule, when)) in traces.zip(how) {
-            let actual = trace.unwrap_or_default();
-            let differences = observed.differences(&actual, &expected, 0.0, [when, ""]);
-            let mut differences = differences.into_iter();
-            if let Some(first) = differences.find(|d| !rounded.contains(&d.variable.name)) {
-                self.add(rule, first.text);
-            }
-        }
-        // Such as the time that the FMU has used, or addresses: they differ in all other tests, too.
-        self.task.ignored.extend(volatile);
-        Ok(())
-    }
-
-    /// Makes a test, and adds what it finds.
-    fn test(&mut self, probe: &'static Probe) -> Result<Outcome> {
-        let outcomes = self.tests(&[(probe, &[])])?;
-        Ok(outcomes.into_iter().next().unwrap_or_default())
-    }
-
-    /// Makes tests, several at the same time, and adds what they find in their order.
-    fn tests(&mut self, jobs: &[Job<'_>]) -> Result<Vec<Outcome>> {
-        let mut outcomes: Vec<_> = jobs.iter().map(|_| Ok(Outcome::default())).collect();
-        let (this, queue) = (&*self, Mutex::new(jobs.iter().zip(&mut outcomes)));
-        let next = || lock(&queue).next();
-        let work = |worker| {
-            while let Some((job, outcome)) = next() {
-                *outcome = this.attempt(*job, worker);
-            }
-        };
-        thread::scope(|scope| {
-            for worker in 0..self.workers.min(jobs.len()) {
-                scope.spawn(move || work(worker));
-            }
-        });
-        let outcomes: Vec<Outcome> = outcomes.into_iter().collect::<Result<_>>()?;
-        for ((probe, _), outcome) in jobs.iter().zip(&outcomes) {
-            if outcome.left_out && !self.left_out.contains(&probe.name) {
-                self.left_out.push(probe.name);
-            }
-            for found in &outcome.found {
-                if probe.is_misuse() || !self.is_seen_by_another(probe, found) {
-                    self.add_once(found);
-                }
-            }
-        }
-        Ok(outcomes)
-    }
-
-    /// Makes a test, which is one of those that a worker makes.
-    fn attempt(&self, (probe, variables): Job<'_>, worker: usize) -> Result<Outcome> {
-        if Instant::now() > self.deadline {
-            return Ok(Outcome { left_out: true, ..Outcome::default() });
-        }
-        let mut task = Task {
-            probe: probe.name.to_owned(),
-            seconds: probe.seconds(self.task.seconds),
-            ..self.task.clone()
-        };
-        let mut outcome = self.process(probe, &task, variables, worker)?;
-        if !outcome.found.is_empty() && !outcome.has_message && !outcome.timed_out {
-            // Once more, to quote what the FMU has to say.
-            task.logging = true;
-            let second = self.process(probe, &task, variables, worker)?;
-            let rules =
-                |of: &Outcome| -> Vec<_> { of.found.iter().map(|found| found.rule.id).collect() };
-            if second.has_message && rules(&second) == rules(&outcome) {
-                outcome = second;
-            }
-        }
-        Ok(outcome)
-    }
-
-    fn add(&mut self, rule: &'static Rule, text: String) {
-        let text = format!("{}{text}", self.about);
-        self.findings.add(rule, self.task.binary.as_str(), text);
-    }
-
-    /// Adds what a test has found, unless it has the cause of something that is as severe.
-    fn add_once(&mut self, Found { rule, text, cause, is_crash }: &Found) {
-        let is_seen = |cause: &str| self.seen.get(cause).is_some_and(|of| *of >= rule.severity);
-        // A crash that breaks a rule of its own has a cause of its own, unless the function crashes anyway.
-        let own = match *is_crash && !["survives", "survives-misuse"].contains(&rule.id) {
-            true => format!("{}: {cause}", rule.id),
-            false => cause.clone(),
-        };
-        if !is_seen(cause) && !is_seen(&own) {
-            self.seen.insert(own, rule.severity);
-            self.add(rule, text.clone());
-        }
-    }
-
-    /// Whether what a test is about was found broken by another test, of the same rule or of one on which it depends.
-    /// One cause is one finding.
-    fn is_seen_by_another(&mut self, probe: &Probe, found: &Found) -> bool {
-        /// Rules, and those without which they do not hold.
-        const BASES: [(&str, &str); 5] = [
-            ("serialized-state", "state"),
-            ("adjoint-derivatives", "directional-derivatives"),
-            // What instances share is neither reset nor saved with one of them.
-            ("reset", "separate-instances"),
-            ("state", "separate-instances"),
-            ("serialized-state", "separate-instances"),
-        ];
-        /// Without them, most tests are not made, and each interface type reports its own reason.
-        const GATES: [&str; 2] = ["loads", "runs"];
-        let (rule, test) = (found.rule.id, [self.about, probe.name]);
-        // A reset is also tested for what NaN leaves behind, by the test that NaN is survived.
-        let is_about = rule == probe.rule.id || rule == "reset";
-        if !is_about || GATES.contains(&rule) {
-            return false;
-        }
-        let is_broken = |rule| self.broken.get(rule).is_some_and(|by| *by != test);
-        let mut bases = BASES.iter().filter(|(of, _)| *of == rule);
-        let is_seen = is_broken(rule) || bases.any(|(_, base)| is_broken(base));
-        self.broken.entry(rule).or_insert(test);
-        is_seen
-    }
-
-    /// Runs one test in a child process, with these environment variables.
-    fn process(
-        &self,
-        probe: &Probe,
-        task: &Task,
-        variables: &[(&str, &str)],
-        worker: usize,
-    ) -> Result<Outcome> {
-        let printed = task.session.join(format!("printed-{worker}"));
-        let folder = task.session.join(WORK).join(worker.to_string());
-        fs::create_dir_all(&folder)?;
-        let output = File::create(&printed)?;
-        let mut command = Command::new(&self.probes.program);
-        command
-            .args(&self.probes.arguments)
-            .current_dir(folder)
-            .envs(variables.iter().copied())
-            .stdout(output.try_clone()?)
-            .stderr(output);
-        let call = Duration::from_secs(task.seconds);
-        let left = self.deadline.saturating_duration_since(Instant::now());
-        let limit = (TEST_TIME * call).min(left);
-        let limits = Limits { call: Some(call), task: Some(limit), memory: Some(MEMORY) };
-        let worker = Worker::start(&mut command, &task.session, limits);
-        let mut worker =
-            worker.with_context(|| format!("cannot start {}", self.probes.program.display()))?;
-        worker.send(task);
-        let mut outcome = Outcome { is_cut: true, ..Outcome::default() };
-        let ended = loop {
-            match worker.wait()? {
-                // It has ended none of its calls too late, but there were many.
-                Event::Ended(Ended::TimedOut(time)) if time == limit => {
-                    (outcome.timed_out, outcome.is_cut) = (true, false);
-                    let (name, seconds) = (probe.name, limit.as_secs_f64());
-                    let text = format!("the test {name} was ended after {seconds:.0} s");
-                    let (rule, cause) = (rule!("not-tested"), text.clone());
-                    outcome.found.push(Found { rule, text, cause, is_crash: false });
-                    return Ok(outcome);
-                }
-                Event::Ended(ended) => {
-                    outcome.timed_out = matches!(ended, Ended::TimedOut(_));
-                    break ended.to_string();
-                }
-                Event::Replied => match worker.reply() {
-                    Ok(Reply::Done) => break String::new(),
-                    Ok(reply) => outcome.add(reply),
-                    Err(error) => break format!("has sent {error}"),
-                },
-            }
-        };
-        let last = worker.record().snapshot();
-        outcome.has_message = !last.message.is_empty();
-        // What happens before the stage that a test is about is none of its business.
-        let rule = match last.stage.is_empty() && !probe.is_misuse() {
-            true => rule!("survives"),
-            false => probe.crash(),
-        };
-        let mut crash = |rule, text: String, cause: String| {
-            outcome.found.push(Found { rule, text, cause, is_crash: true });
-        };
-        let after = |how: &str| {
-            format!("after its last call, the process {how}, expected it to end as usual")
-        };
-        if !ended.is_empty() && !outcome.is_cut {
-            crash(rule, after(&ended), after(&ended));
-            return Ok(outcome);
-        }
-        if !ended.is_empty() {
-            let cause =
-                format!("{} {}", called(&last), if outcome.timed_out { "hangs" } else { &ended });
-            let text = unfinished(&last, &ended);
-            /// A call that takes this part of the time limit may take all of it.
-            const SLOW: f64 = 0.1;
-            match outcome.timed_out && self.longest > SLOW * task.seconds as f64 {
-                false => crash(rule, text, cause),
-                true => {
-                    let longest = self.longest;
-                    let text = format!(
-                        "{text}; it is slow, a step or the initialization has taken {longest:.1} s: --time-limit allows more"
-                    );
-                    crash(rule!("not-tested"), text, cause);
-                }
-            }
-            return Ok(outcome);
-        }
-        if let Ended::Exited(status) = worker.end(GRACE)?
-            && !status.success()
-        {
-            let text = after(&Ended::Exited(status).to_string());
-            crash(rule, text.clone(), text);
-        }
-        if outcome.found.iter().any(|found| found.is_crash) {
-            // The C library may have printed the reason.
-            return Ok(outcome);
-        }
-        let mut head = Vec::new();
-        File::open(printed)?.take(1000).read_to_end(&mut head)?;
-        let head = String::from_utf8_lossy(&head);
-        if let Some(line) = head.lines().find(|line| !line.trim().is_empty()) {
-            let line = quote(line);
-            let text = format!("the FMU printed {line}, expected that it logs by the callback");
-            let (rule, cause) = (rule!("prints"), "prints".to_owned());
-            outcome.found.push(Found { rule, text, cause, is_crash: false });
-        }
-        Ok(outcome)
-    }
 }
 
 /// Reports the files that the FMU has written: those that differ from what was in its folder before.
@@ -732,12 +180,12 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
 }
 
 /// What no test can test of what an FMU has. Quick tests leave out most of what it can do anyway.
-fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
+pub fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
     let has = |test: fn(&XmlVariable<'_>) -> bool| model.variables().any(|(_, v)| test(v));
     let interfaces = [model.co_simulation(), model.model_exchange()];
     let claims = |flag| {
         let mut all = interfaces.into_iter().flatten();
-        all.any(|element| run::claims(element, flag, model.version))
+        all.any(|element| claims(element, flag, model.version))
     };
     let derives = claims("providesDirectionalDerivative") || claims("providesAdjointDerivatives");
     let types = [
@@ -759,35 +207,6 @@ fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
     let abilities = abilities.iter().filter(|_| !is_quick);
     let all = types.iter().chain(abilities).filter(|(_, is_there)| *is_there);
     all.map(|(part, _)| (*part).to_owned()).collect()
-}
-
-/// The end of a message that quotes the message that the FMU logged last.
-fn logged(message: &str) -> String {
-    match message {
-        "" => String::new(),
-        message => format!("; the FMU logged last: {message}"),
-    }
-}
-
-/// The call that did not return.
-fn called(last: &Snapshot) -> &'static str {
-    match last.function {
-        Some(Function::LOADING) => "loading it",
-        function => function.and_then(Function::name).unwrap_or("the test"),
-    }
-}
-
-/// Describes the call that did not return, given how the process ended.
-fn unfinished(last: &Snapshot, ended: &str) -> String {
-    let call = called(last);
-    let stage = match last.stage.as_str() {
-        stage if stage.is_empty() || stage.contains(call) => String::new(),
-        stage => format!(", {stage},"),
-    };
-    let how = ended.replace(" and was killed", "");
-    let when = last.time.map(|time| format!(" at t = {time} s"));
-    let (when, logged) = (when.unwrap_or_default(), logged(&last.message));
-    format!("{call}{stage} {how}{when}, expected it to return{logged}")
 }
 
 /// The files in a folder and its folders, by their paths in it.

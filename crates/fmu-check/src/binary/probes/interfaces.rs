@@ -10,11 +10,11 @@ use fmu_description::{Causality, Value, Variability, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::Library;
 
-use crate::binary::run::{Run, SKIP, Subject, is_discrete};
-use crate::binary::values::{
-    Observed, Row, element_name, is_near, others, real_range, shown, size, starts, usual_change,
-};
-use crate::binary::{FMU, Task};
+use crate::binary::excitation::{others, real_range, starts, usual_change};
+use crate::binary::observed::{Observed, Row, element_name, is_discrete, is_near, shown, size};
+use crate::binary::run::Run;
+use crate::binary::subject::{SKIP, Subject};
+use crate::binary::task::{FMU, Task};
 use crate::rule::rule;
 use crate::rules::is_continuous;
 

@@ -1,27 +1,29 @@
 //! The tests of a binary. Each runs in a process of its own.
 
+mod dependencies;
+mod derivatives;
+mod equations;
 mod host;
 mod interfaces;
+mod misuse;
 mod regions;
 mod runs;
 mod steps;
-mod values;
-
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
+mod time_derivatives;
+mod variables;
 
 use anyhow::{Context, Result};
-use fmu_description::xml::{self, Element};
-use fmu_description::{FmiVersion, ModelDescription};
-use fmu_file::archive::MODEL_DESCRIPTION;
-use fmu_host::Library;
-use fmu_worker::Service;
+use fmu_description::FmiVersion;
+use fmu_description::xml::Element;
 
-use super::run::{ONLY_ONCE, Report, Run, SKIP, Setup, Subject, claims, is_refusal};
-use super::values::Trajectory;
-use super::{FMU, Reply, Task};
+use crate::binary::observed::Trajectory;
+use crate::binary::run::{Run, is_refusal};
+use crate::binary::subject::{SKIP, Setup, Subject};
+use crate::binary::vocabulary::{ONLY_ONCE, claims};
 use crate::rule::{Rule, rule};
+use Trait::{
+    Brief, Claims, CoSimulation, Fmi2, Fmi3, Misuse, ModelExchange, Own, Quick, Several, Unloads,
+};
 
 /// A test.
 pub struct Probe {
@@ -58,9 +60,6 @@ enum Trait {
     /// The FMU declares this flag, named as in FMI 2.0.
     Claims(&'static str),
 }
-use Trait::{
-    Brief, Claims, CoSimulation, Fmi2, Fmi3, Misuse, ModelExchange, Own, Quick, Several, Unloads,
-};
 
 impl Probe {
     /// The test of a name.
@@ -85,6 +84,11 @@ impl Probe {
             traits if traits.contains(&Own) => self.rule,
             _ => rule!("survives"),
         }
+    }
+
+    /// Whether the library is unloaded before the test ends.
+    pub fn unloads(&self) -> bool {
+        self.traits.contains(&Unloads)
     }
 
     /// Its time limit in seconds, given the usual one.
@@ -119,8 +123,8 @@ impl Probe {
         })
     }
 
-    /// Runs it, in the child process.
-    fn run(&self, subject: &Subject<'_>) -> Result<()> {
+    /// Runs it, in the worker process.
+    pub fn run(&self, subject: &Subject<'_>) -> Result<()> {
         match ((self.test)(subject), self.claim()) {
             (Err(error), _) if error.downcast_ref() == Some(&SKIP) => Ok(()),
             (Err(error), _) if subject.needs_ticks && is_refusal(&error) => {
@@ -160,94 +164,6 @@ fn same_with(
     })
 }
 
-/// Receives a test of a binary in this process, which [`crate::Probes`] has started, and runs it.
-///
-/// # Errors
-/// The process was not started for a test, or the unpacked FMU cannot be read.
-pub fn run() -> Result<()> {
-    // A dump of memory in the working directory would count as a file of the FMU.
-    #[cfg(unix)]
-    {
-        use rustix::process::{Resource, Rlimit, setrlimit};
-        let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
-    }
-    let service = Service::from_env()?;
-    let mut service = service.context("it is started by `validate` only")?;
-    let task: Task = service.task()?.context("there is no test to run")?;
-    let text = std::fs::read_to_string(task.session.join(MODEL_DESCRIPTION))?;
-    let root = xml::parse(&text)?;
-    let model = ModelDescription::read(&root)?;
-    let report = Arc::new(Report::new(service, model.version, task.interface_type()));
-    let probe = Probe::named(&task.probe)?;
-    let folder = task.session.join(FMU);
-    let trace = Arc::clone(&report);
-    let call = move |name| trace.call(name);
-    let library = Library::load_traced(&folder.join(&task.binary), model.version, call);
-    let outcome = match &library {
-        Ok(library) => {
-            let subject = Subject::new(&task, &model, library, &report);
-            subject.and_then(|subject| probe.run(&subject))
-        }
-        Err(error) => Err(error.clone().into()),
-    };
-    if let Err(error) = outcome {
-        // The folder no longer exists when the message is read.
-        let text = format!("{error:#}").replace(&format!("{}/", folder.display()), "");
-        match lacking(&text).filter(|name| !is_in(&folder, name)) {
-            Some(name) if library.is_err() => {
-                let text = format!("this machine lacks {name}, which it needs; no binary was run");
-                report.find(rule!("binary-not-run"), text);
-            }
-            _ => report.fail(probe.rule, &text),
-        }
-    }
-    report.reply(&Reply::Tested);
-    if probe.traits.contains(&Unloads) {
-        settle();
-        drop(library);
-    }
-    report.reply(&Reply::Done);
-    Ok(())
-}
-
-/// The library, or the version of one, for want of which another cannot be loaded, from the message of the dynamic
-/// loader of Linux.
-fn lacking(text: &str) -> Option<&str> {
-    let text = text.rsplit_once("cannot be loaded: ").map_or(text, |(_, reason)| reason);
-    if let Some((name, _)) = text.split_once(": cannot open shared object file") {
-        return Some(name);
-    }
-    let (_, version) = text.split_once(": version `")?;
-    version.split_once("' not found").map(|(version, _)| version)
-}
-
-/// Whether a folder or one in it has a file of this name.
-fn is_in(folder: &Path, name: &str) -> bool {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.map(|entry| entry.path()).any(|path| path.ends_with(name) || is_in(&path, name))
-}
-
-#[test]
-fn a_library_that_the_machine_lacks_is_named() {
-    let lacks =
-        "it cannot be loaded: libgfortran.so.3: cannot open shared object file: No such file";
-    assert_eq!(lacking(lacks), Some("libgfortran.so.3"));
-    let old =
-        "it cannot be loaded: /lib/libc.so.6: version `GLIBC_2.99' not found (required by a.so)";
-    assert_eq!(lacking(old), Some("GLIBC_2.99"));
-    assert_eq!(lacking("it cannot be loaded: a.so: undefined symbol: f"), None);
-}
-
-/// Gives threads that the FMU has left behind the time to end or to wait, since a library whose code runs
-/// cannot be unloaded.
-fn settle() {
-    const USUAL: usize = 2;
-    let threads = std::fs::read_dir("/proc/self/task").map_or(0, Iterator::count);
-    if threads > USUAL {
-        std::thread::sleep(Duration::from_millis(200));
-    }
-}
-
 /// Defines tests: the name of each, the rule that it breaks if it fails, its function and traits.
 macro_rules! probes {
     ($($name:literal: $rule:literal, $test:expr $(, $trait:expr)*;)*) => {
@@ -270,7 +186,7 @@ static FIRST: &[Probe] = probes! {
     // The binary loads and creates an instance.
     "identity": "loads", host::identity, Unloads;
     // Which variables cannot be read.
-    "readable": "runs", values::readable;
+    "readable": "runs", variables::readable;
     // A run to the end of the default experiment.
     "experiment": "runs", runs::experiment;
     // Short runs, which are compared between processes.
@@ -301,28 +217,28 @@ pub static INSTANCES: &[Probe] = probes! {
 
 /// Calls that hosts make by mistake; other tests make none if these crash.
 pub static MISTAKES: &[Probe] = probes! {
-    "mistakes": "survives-misuse", host::mistakes, Misuse;
-    "unknown": "unknown-references", host::unknown_references, Misuse;
-    "step-arguments": "step-arguments", host::step_arguments, Misuse, CoSimulation;
-    "order": "order-of-calls", host::order, Misuse;
-    "order-of-setup": "order-of-calls", host::order_of_setup, Misuse, Fmi2;
-    "order-of-steps": "order-of-calls", host::order_of_steps, Misuse, CoSimulation;
+    "mistakes": "survives-misuse", misuse::mistakes, Misuse;
+    "unknown": "unknown-references", misuse::unknown_references, Misuse;
+    "step-arguments": "step-arguments", misuse::step_arguments, Misuse, CoSimulation;
+    "order": "order-of-calls", misuse::order, Misuse;
+    "order-of-setup": "order-of-calls", misuse::order_of_setup, Misuse, Fmi2;
+    "order-of-steps": "order-of-calls", misuse::order_of_steps, Misuse, CoSimulation;
 };
 
 /// All other tests.
 pub static OTHERS: &[Probe] = probes! {
-    "guid": "guid-checked", host::guid, Quick;
-    "start": "start-values", values::start, Quick;
+    "guid": "guid-checked", misuse::guid, Quick;
+    "start": "start-values", variables::start, Quick;
     "state": "state", runs::restore, Quick, STATE;
     "serialized": "serialized-state", runs::serialize, Quick, STATE, BYTES;
-    "directional": "directional-derivatives", values::derivatives_in_run, Quick, DIRECTIONAL;
-    "directional-elsewhere": "directional-derivatives", regions::derivatives, DIRECTIONAL;
-    "dependencies-kind": "dependencies-kind", regions::kinds;
-    "directional-initial": "directional-derivatives", values::derivatives_in_initialization, DIRECTIONAL;
-    "directional-unlisted": "directional-derivatives", values::unlisted_derivatives, Misuse, DIRECTIONAL;
-    "input-derivatives": "input-derivatives", values::derivatives_of_inputs_in_time,
+    "directional": "directional-derivatives", derivatives::derivatives_in_run, Quick, DIRECTIONAL;
+    "directional-elsewhere": "directional-derivatives", derivatives::derivatives_elsewhere, DIRECTIONAL;
+    "dependencies-kind": "dependencies-kind", dependencies::kinds;
+    "directional-initial": "directional-derivatives", derivatives::derivatives_in_initialization, DIRECTIONAL;
+    "directional-unlisted": "directional-derivatives", derivatives::unlisted_derivatives, Misuse, DIRECTIONAL;
+    "input-derivatives": "input-derivatives", time_derivatives::derivatives_of_inputs_in_time,
         Quick, Fmi2, CoSimulation, INTERPOLATES;
-    "output-derivatives": "output-derivatives", values::derivatives_of_outputs_in_time, Quick, CoSimulation;
+    "output-derivatives": "output-derivatives", time_derivatives::derivatives_of_outputs_in_time, Quick, CoSimulation;
     "reset": "reset", |s| same(s, ["after fmi2Reset", NEW], s.tolerance, runs::reset), Quick;
     "reset-new": "reset",
         |s| same(s, ["after fmi2Reset of a new instance", NEW], s.tolerance,
@@ -333,7 +249,7 @@ pub static OTHERS: &[Probe] = probes! {
     "reset-values": "reset", runs::reset_values;
     "thread": "any-thread", |s| same(s, ["on another thread", ALONE], ROUNDING, runs::on_a_thread);
     "threads": "any-thread", runs::on_threads, Own, Several;
-    "strings-of-instances": "string-lifetime", values::strings_of_instances, Several;
+    "strings-of-instances": "string-lifetime", variables::strings_of_instances, Several;
     "no-stop-time": "independent-of-stop-time",
         |s| same_with(s, ["without a stop time", STOP], s.tolerance, |setup| setup.stop = None);
     "later-stop-time": "independent-of-stop-time",
@@ -353,22 +269,22 @@ pub static OTHERS: &[Probe] = probes! {
             s.tolerance.max(COARSE), |setup| setup.fractions = &[0.5, 0.5]),
         CoSimulation, VARIABLE_STEPS;
     "long-steps": "long-steps", steps::long_steps, CoSimulation, VARIABLE_STEPS;
-    "stop-time-passed": "past-stop-time", host::past_stop, Misuse, Fmi2, CoSimulation;
+    "stop-time-passed": "past-stop-time", misuse::past_stop, Misuse, Fmi2, CoSimulation;
     "end": "get-after-terminate", runs::end;
-    "get": "get-is-pure", values::get;
-    "nothing": "zero-references", values::nothing, Own;
-    "aliases": "aliases", values::aliases;
-    "kept": "inputs-kept", values::kept;
-    "kept-arrays": "inputs-kept", values::kept_arrays, Quick, Fmi3;
-    "tunable": "tunable", values::tunable, CoSimulation;
-    "dependencies": "true-dependencies", values::dependencies;
-    "initial-dependencies": "true-dependencies", values::initial_dependencies;
-    "states": "state-variables", values::states, ModelExchange;
-    "events": "event-iteration", values::events, ModelExchange;
-    "array-lengths": "array-lengths", host::array_lengths, Misuse, Fmi3;
-    "sizes": "structural-parameters", values::sizes, Quick, Fmi3, CoSimulation;
+    "get": "get-is-pure", variables::get;
+    "nothing": "zero-references", variables::nothing, Own;
+    "aliases": "aliases", variables::aliases;
+    "kept": "inputs-kept", variables::kept;
+    "kept-arrays": "inputs-kept", variables::kept_arrays, Quick, Fmi3;
+    "tunable": "tunable", variables::tunable, CoSimulation;
+    "dependencies": "true-dependencies", dependencies::dependencies;
+    "initial-dependencies": "true-dependencies", dependencies::initial_dependencies;
+    "states": "state-variables", equations::states, ModelExchange;
+    "events": "event-iteration", equations::events, ModelExchange;
+    "array-lengths": "array-lengths", misuse::array_lengths, Misuse, Fmi3;
+    "sizes": "structural-parameters", variables::sizes, Quick, Fmi3, CoSimulation;
     "input-events": "input-events", interfaces::input_events, CoSimulation, Several;
-    "adjoint": "adjoint-derivatives", values::adjoint_derivatives, Quick, Fmi3, ADJOINT;
+    "adjoint": "adjoint-derivatives", derivatives::adjoint_derivatives, Quick, Fmi3, ADJOINT;
     "event-mode": "event-mode", runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
     "flags": "runs", runs::flags, Quick, Fmi3, CoSimulation;
     "start-time": "start-time", runs::start_time, Quick;
@@ -385,14 +301,14 @@ pub static OTHERS: &[Probe] = probes! {
     "memory": "memory", host::memory;
     "debug-logging": "runs", host::debug_logging, Misuse;
     "long": "long-texts", |s| host::with_text(s, "20000 characters", &"long".repeat(5000)), Own;
-    "initial-outputs": "initial-outputs", values::initial_outputs, CoSimulation;
-    "nan": "survives-nan", host::nan, Own, Brief;
-    "infinity": "survives-nan", |s| host::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
-    "damaged-state": "damaged-state", host::damaged_state, Misuse, STATE, BYTES;
-    "settable": "settable", host::settable, Misuse;
-    "step-nan": "step-arguments", host::step_nan, Misuse, CoSimulation;
-    "status": "survives-misuse", host::status, Misuse, Fmi2, CoSimulation;
-    "after-error": "after-error", host::after_error, Misuse;
+    "initial-outputs": "initial-outputs", variables::initial_outputs, CoSimulation;
+    "nan": "survives-nan", misuse::nan, Own, Brief;
+    "infinity": "survives-nan", |s| misuse::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
+    "damaged-state": "damaged-state", misuse::damaged_state, Misuse, STATE, BYTES;
+    "settable": "settable", misuse::settable, Misuse;
+    "step-nan": "step-arguments", misuse::step_nan, Misuse, CoSimulation;
+    "status": "survives-misuse", misuse::status, Misuse, Fmi2, CoSimulation;
+    "after-error": "after-error", misuse::after_error, Misuse;
 };
 
 #[test]

@@ -10,9 +10,12 @@ use fmu_description::{Causality, Type, Value, Variability, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::InterfaceType;
 
-use crate::binary::run::{Run, SKIP, Setup, Subject, check, is_refusal};
-use crate::binary::values::{Row, Trajectory, allows, element_name, real_range, shown};
-use crate::binary::{Pace, Reply};
+use crate::binary::excitation::{allows, real_range};
+use crate::binary::observed::{Row, Trajectory, element_name, shown};
+use crate::binary::report::check;
+use crate::binary::run::{Run, is_refusal};
+use crate::binary::subject::{SKIP, Setup, Subject};
+use crate::binary::task::{Pace, Reply};
 use crate::rule::{Rule, rule};
 
 /// Maximum size of a serialized state.

@@ -3,8 +3,9 @@
 use anyhow::{Context, Result, bail};
 use fmu_description::XmlVariable;
 
-use crate::binary::run::{Run, SKIP, Subject};
-use crate::binary::values::{Row, element_name, is_near, shown, size};
+use crate::binary::observed::{Row, element_name, is_near, shown, size};
+use crate::binary::run::Run;
+use crate::binary::subject::{SKIP, Subject};
 use crate::rules::is_continuous;
 
 /// The sizes of long steps, in usual steps; all divide the last one, and it the length of the runs.
