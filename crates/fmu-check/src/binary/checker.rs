@@ -54,7 +54,7 @@ const GRACE: Duration = Duration::from_secs(2);
 pub const WORK: &str = "work";
 
 /// What a test has found.
-pub struct Found {
+pub struct ProbeFinding {
     rule: &'static Rule,
     text: String,
     /// What is the same if other tests find what has the same cause.
@@ -64,8 +64,8 @@ pub struct Found {
 
 /// What a process has replied, and how it ended.
 #[derive(Default)]
-struct Outcome {
-    found: Vec<Found>,
+struct ProbeOutcome {
+    found: Vec<ProbeFinding>,
     unreadable: Vec<String>,
     ran: Option<Pace>,
     rows: Trajectory,
@@ -78,10 +78,21 @@ struct Outcome {
     left_out: bool,
 }
 
-/// A test, and the environment variables that it is run with.
-type Job<'a> = (&'static Probe, &'a [(&'a str, &'a str)]);
+/// A run of a test.
+#[derive(Clone, Copy)]
+struct ProbeRun<'a> {
+    probe: &'static Probe,
+    /// The environment variables of its process, besides the usual ones.
+    environment: &'a [(&'a str, &'a str)],
+}
 
-impl Outcome {
+impl From<&'static Probe> for ProbeRun<'_> {
+    fn from(probe: &'static Probe) -> Self {
+        Self { probe, environment: &[] }
+    }
+}
+
+impl ProbeOutcome {
     /// Whether the test itself has failed, or could not be made, besides what else it has found.
     fn fails(&self, probe: &Probe) -> bool {
         let is_failure = |rule: &Rule| *rule == *probe.rule || *rule == *rule!("binary-not-run");
@@ -99,7 +110,7 @@ impl Outcome {
                 let cause = text.split_once(", but: ").map_or(text.as_str(), |(_, cause)| cause);
                 let (cause, is_crash) = (cause.to_owned(), false);
                 let rule = RULES.iter().find(|rule| rule.id == id);
-                self.found.extend(rule.map(|rule| Found { rule, text, cause, is_crash }));
+                self.found.extend(rule.map(|rule| ProbeFinding { rule, text, cause, is_crash }));
             }
             Reply::Unreadable(name) => self.unreadable.push(name),
             Reply::Ran(pace) => self.ran = Some(pace),
@@ -179,10 +190,10 @@ impl Checker<'_> {
         }
         self.compare_processes()?;
         // One cause is one finding: if instances share state, the other tests make one in each process.
-        let jobs = self.jobs(INSTANCES);
-        let outcomes = self.tests(&jobs)?;
-        let mut pairs = jobs.iter().zip(&outcomes);
-        if pairs.any(|((probe, _), outcome)| outcome.fails(probe)) {
+        let runs = self.runs(INSTANCES);
+        let outcomes = self.tests(&runs)?;
+        let mut pairs = runs.iter().zip(&outcomes);
+        if pairs.any(|(run, outcome)| outcome.fails(run.probe)) {
             self.task.is_alone = true;
         }
         if self.task.is_alone {
@@ -192,12 +203,11 @@ impl Checker<'_> {
         if let Some(checker) = heap_checker().filter(|_| !self.probes.is_quick) {
             let checker = checker.to_string_lossy();
             let checked = [("LD_PRELOAD", &*checker), ("GLIBC_TUNABLES", "glibc.malloc.check=3")];
-            self.tests(&[(Probe::named("heap")?, &checked)])?;
+            self.tests(&[ProbeRun { probe: Probe::named("heap")?, environment: &checked }])?;
         }
         // Other tests make no mistakes if these crash.
         for group in [MISTAKES, OTHERS] {
-            let jobs = self.jobs(group);
-            let outcomes = self.tests(&jobs)?;
+            let outcomes = self.tests(&self.runs(group))?;
             let mut found = outcomes.iter().flat_map(|outcome| &outcome.found);
             self.task.is_fragile |= found.any(|found| *found.rule == *rule!("survives-misuse"));
         }
@@ -205,12 +215,12 @@ impl Checker<'_> {
     }
 
     /// The tests of a group that apply to the FMU.
-    fn jobs(&self, group: &'static [Probe]) -> Vec<Job<'static>> {
+    fn runs(&self, group: &'static [Probe]) -> Vec<ProbeRun<'static>> {
         let group = group.iter().filter(|probe| {
             (probe.is_quick() || !self.probes.is_quick)
                 && probe.applies(self.element, self.model.version, self.task.is_alone)
         });
-        group.map(|probe| (probe, [].as_slice())).collect()
+        group.map(ProbeRun::from).collect()
     }
 
     /// Runs the default experiment with the strongest excitation that the FMU accepts; returns whether
@@ -256,15 +266,14 @@ impl Checker<'_> {
         // All numbers made of it are far from 0: 32.5, 1077952576, and so on.
         const PATTERN: &[(&str, &str)] =
             &[("MALLOC_PERTURB_", "191"), ("GLIBC_TUNABLES", "glibc.malloc.perturb=191")];
-        let named = Probe::named;
-        let mut jobs: Vec<Job<'_>> = vec![(named("trace")?, &[]), (named("trace")?, &[])];
+        let trace = Probe::named("trace")?;
+        let mut runs = vec![ProbeRun::from(trace), ProbeRun::from(trace)];
         if !self.probes.is_quick {
-            jobs.push((named("trace")?, PATTERN));
-            jobs.push((named("trace-logging")?, &[]));
+            runs.push(ProbeRun { probe: trace, environment: PATTERN });
+            runs.push(Probe::named("trace-logging")?.into());
         }
-        let outcomes = self.tests(&jobs)?;
-        let mut traces =
-            jobs.iter().zip(outcomes).map(|((probe, _), outcome)| outcome.trace(probe));
+        let outcomes = self.tests(&runs)?;
+        let mut traces = runs.iter().zip(outcomes).map(|(run, outcome)| outcome.trace(run.probe));
         let observed = observed::observed(self.model, &self.task.ignored);
         let (Some(Some(expected)), Some(Some(again))) = (traces.next(), traces.next()) else {
             return Ok(());
@@ -303,28 +312,28 @@ impl Checker<'_> {
     }
 
     /// Makes a test, and adds what it finds.
-    fn test(&mut self, probe: &'static Probe) -> Result<Outcome> {
-        let outcomes = self.tests(&[(probe, &[])])?;
+    fn test(&mut self, probe: &'static Probe) -> Result<ProbeOutcome> {
+        let outcomes = self.tests(&[probe.into()])?;
         Ok(outcomes.into_iter().next().unwrap_or_default())
     }
 
     /// Makes tests, several at the same time, and adds what they find in their order.
-    fn tests(&mut self, jobs: &[Job<'_>]) -> Result<Vec<Outcome>> {
-        let mut outcomes: Vec<_> = jobs.iter().map(|_| Ok(Outcome::default())).collect();
-        let (this, queue) = (&*self, Mutex::new(jobs.iter().zip(&mut outcomes)));
+    fn tests(&mut self, runs: &[ProbeRun<'_>]) -> Result<Vec<ProbeOutcome>> {
+        let mut outcomes: Vec<_> = runs.iter().map(|_| Ok(ProbeOutcome::default())).collect();
+        let (this, queue) = (&*self, Mutex::new(runs.iter().zip(&mut outcomes)));
         let next = || lock(&queue).next();
-        let work = |worker| {
-            while let Some((job, outcome)) = next() {
-                *outcome = this.attempt(*job, worker);
+        let make_tests = |worker| {
+            while let Some((run, outcome)) = next() {
+                *outcome = this.attempt(*run, worker);
             }
         };
         thread::scope(|scope| {
-            for worker in 0..self.workers.min(jobs.len()) {
-                scope.spawn(move || work(worker));
+            for worker in 0..self.workers.min(runs.len()) {
+                scope.spawn(move || make_tests(worker));
             }
         });
-        let outcomes: Vec<Outcome> = outcomes.into_iter().collect::<Result<_>>()?;
-        for ((probe, _), outcome) in jobs.iter().zip(&outcomes) {
+        let outcomes: Vec<ProbeOutcome> = outcomes.into_iter().collect::<Result<_>>()?;
+        for (ProbeRun { probe, .. }, outcome) in runs.iter().zip(&outcomes) {
             if outcome.left_out && !self.left_out.contains(&probe.name) {
                 self.left_out.push(probe.name);
             }
@@ -337,23 +346,24 @@ impl Checker<'_> {
         Ok(outcomes)
     }
 
-    /// Makes a test, which is one of those that a worker makes.
-    fn attempt(&self, (probe, variables): Job<'_>, worker: usize) -> Result<Outcome> {
+    /// Makes a test in the process of a worker, given by its number.
+    fn attempt(&self, run: ProbeRun<'_>, worker: usize) -> Result<ProbeOutcome> {
         if Instant::now() > self.deadline {
-            return Ok(Outcome { left_out: true, ..Outcome::default() });
+            return Ok(ProbeOutcome { left_out: true, ..ProbeOutcome::default() });
         }
         let mut task = Task {
-            probe: probe.name.to_owned(),
-            seconds: probe.seconds(self.task.seconds),
+            probe: run.probe.name.to_owned(),
+            seconds: run.probe.seconds(self.task.seconds),
             ..self.task.clone()
         };
-        let mut outcome = self.process(probe, &task, variables, worker)?;
+        let mut outcome = self.process(run, &task, worker)?;
         if !outcome.found.is_empty() && !outcome.has_message && !outcome.timed_out {
             // Once more, to quote what the FMU has to say.
             task.logging = true;
-            let second = self.process(probe, &task, variables, worker)?;
-            let rules =
-                |of: &Outcome| -> Vec<_> { of.found.iter().map(|found| found.rule.id).collect() };
+            let second = self.process(run, &task, worker)?;
+            let rules = |of: &ProbeOutcome| -> Vec<_> {
+                of.found.iter().map(|found| found.rule.id).collect()
+            };
             if second.has_message && rules(&second) == rules(&outcome) {
                 outcome = second;
             }
@@ -367,7 +377,7 @@ impl Checker<'_> {
     }
 
     /// Adds what a test has found, unless it has the cause of something that is as severe.
-    fn add_once(&mut self, Found { rule, text, cause, is_crash }: &Found) {
+    fn add_once(&mut self, ProbeFinding { rule, text, cause, is_crash }: &ProbeFinding) {
         let is_seen = |cause: &str| self.seen.get(cause).is_some_and(|of| *of >= rule.severity);
         // A crash that breaks a rule of its own has a cause of its own, unless the function crashes anyway.
         let own = match *is_crash && !["survives", "survives-misuse"].contains(&rule.id) {
@@ -382,7 +392,7 @@ impl Checker<'_> {
 
     /// Whether what a test is about was found broken by another test, of the same rule or of one on which it depends.
     /// One cause is one finding.
-    fn is_seen_by_another(&mut self, probe: &Probe, found: &Found) -> bool {
+    fn is_seen_by_another(&mut self, probe: &Probe, found: &ProbeFinding) -> bool {
         /// Rules, and those without which they do not hold.
         const BASES: [(&str, &str); 5] = [
             ("serialized-state", "state"),
@@ -407,14 +417,13 @@ impl Checker<'_> {
         is_seen
     }
 
-    /// Runs one test in a child process, with these environment variables.
+    /// Runs one test in a worker process.
     fn process(
         &self,
-        probe: &Probe,
+        ProbeRun { probe, environment }: ProbeRun<'_>,
         task: &Task,
-        variables: &[(&str, &str)],
         worker: usize,
-    ) -> Result<Outcome> {
+    ) -> Result<ProbeOutcome> {
         let printed = task.session.join(format!("printed-{worker}"));
         let folder = task.session.join(WORK).join(worker.to_string());
         fs::create_dir_all(&folder)?;
@@ -423,7 +432,7 @@ impl Checker<'_> {
         command
             .args(&self.probes.arguments)
             .current_dir(folder)
-            .envs(variables.iter().copied())
+            .envs(environment.iter().copied())
             .stdout(output.try_clone()?)
             .stderr(output);
         let call = Duration::from_secs(task.seconds);
@@ -434,7 +443,7 @@ impl Checker<'_> {
         let mut worker =
             worker.with_context(|| format!("cannot start {}", self.probes.program.display()))?;
         worker.send(task);
-        let mut outcome = Outcome { is_cut: true, ..Outcome::default() };
+        let mut outcome = ProbeOutcome { is_cut: true, ..ProbeOutcome::default() };
         let ended = loop {
             match worker.wait()? {
                 // It has ended none of its calls too late, but there were many.
@@ -443,7 +452,7 @@ impl Checker<'_> {
                     let (name, seconds) = (probe.name, limit.as_secs_f64());
                     let text = format!("the test {name} was ended after {seconds:.0} s");
                     let (rule, cause) = (rule!("not-tested"), text.clone());
-                    outcome.found.push(Found { rule, text, cause, is_crash: false });
+                    outcome.found.push(ProbeFinding { rule, text, cause, is_crash: false });
                     return Ok(outcome);
                 }
                 Event::Ended(ended) => {
@@ -465,7 +474,7 @@ impl Checker<'_> {
             false => probe.crash(),
         };
         let mut crash = |rule, text: String, cause: String| {
-            outcome.found.push(Found { rule, text, cause, is_crash: true });
+            outcome.found.push(ProbeFinding { rule, text, cause, is_crash: true });
         };
         let after = |how: &str| {
             format!("after its last call, the process {how}, expected it to end as usual")
@@ -509,7 +518,7 @@ impl Checker<'_> {
             let line = quote(line);
             let text = format!("the FMU printed {line}, expected that it logs by the callback");
             let (rule, cause) = (rule!("prints"), "prints".to_owned());
-            outcome.found.push(Found { rule, text, cause, is_crash: false });
+            outcome.found.push(ProbeFinding { rule, text, cause, is_crash: false });
         }
         Ok(outcome)
     }

@@ -8,14 +8,14 @@ use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
 use fmu_description::{Causality, Value, XmlVariable};
 use fmu_host::{Cause, Failure, Instance, Status};
 
-use crate::binary::run::{EVENT_EVERY, Place, Run};
+use crate::binary::run::{EVENT_EVERY, Position, Run};
 use crate::rules::is_continuous;
 
 /// The largest relative tolerance of the solver.
 const TOLERANCE: f64 = 1e-4;
 
 /// Why an integration has stopped.
-enum Trouble {
+enum StepError {
     /// A call has failed.
     Call(Error),
     /// The equations cannot be integrated, though shorter steps may succeed if they are discarded.
@@ -24,19 +24,19 @@ enum Trouble {
     Ended,
 }
 
-impl From<Error> for Trouble {
+impl From<Error> for StepError {
     fn from(error: Error) -> Self {
         Self::Call(error)
     }
 }
 
-impl From<Failure> for Trouble {
+impl From<Failure> for StepError {
     fn from(failure: Failure) -> Self {
         Self::Call(failure.into())
     }
 }
 
-impl solver::Failure for Trouble {
+impl solver::Failure for StepError {
     fn discard(reason: Arguments<'_>) -> Self {
         Self::Equations { reason: reason.to_string(), is_discarded: true }
     }
@@ -65,8 +65,8 @@ impl solver::Failure for Trouble {
 impl Run<'_> {
     /// Integrates over a communication step. Equations that cannot be integrated end the run.
     pub fn integrate(&mut self, begin: f64, step: f64) -> Result<()> {
-        self.place.now = begin;
-        if self.place.point % EVENT_EVERY == EVENT_EVERY - 1 {
+        self.position.now = begin;
+        if self.position.point % EVENT_EVERY == EVENT_EVERY - 1 {
             self.instance.enter_event_mode()?;
             self.set_inputs(|_| true)?;
             self.iterate()?;
@@ -97,18 +97,18 @@ impl Run<'_> {
         let mut workspace = workspace.unwrap_or_else(|| Workspace::new(states, indicators));
         // The events that inputs cause were handled when the inputs were set.
         self.solver.indicators = self.event_indicators()?;
-        let Place { handled, restarts, .. } = self.place;
+        let Position { handled, restarts, .. } = self.position;
         let (longest, event, events) = (size, None, Events::Here);
         let step = Step { time, size, tolerance, longest, events, handled, event, restarts };
         let advanced = solver::advance(&mut Equations(self), &mut workspace, &step);
         self.solver.workspace = Some(workspace);
         match advanced {
             Ok(Advanced { handled, restarts, .. }) => {
-                self.place = Place { now: time + size, handled, restarts, ..self.place };
+                self.position = Position { now: time + size, handled, restarts, ..self.position };
             }
-            Err(Trouble::Ended) => self.ended = true,
-            Err(Trouble::Call(error)) => return Err(error),
-            Err(Trouble::Equations { reason, .. }) => {
+            Err(StepError::Ended) => self.ended = true,
+            Err(StepError::Call(error)) => return Err(error),
+            Err(StepError::Equations { reason, .. }) => {
                 (self.ended, self.stuck) = (true, Some(reason));
             }
         }
@@ -154,21 +154,21 @@ fn signs(indicators: &[f64]) -> Vec<bool> {
 struct Equations<'a, 'b>(&'a mut Run<'b>);
 
 impl System for Equations<'_, '_> {
-    type Error = Trouble;
+    type Error = StepError;
 
     fn nominal(&self, state: usize) -> f64 {
         self.0.solver.nominals.get(state).map_or(1.0, |nominal| nominal.abs())
     }
 
-    fn states(&mut self, states: &mut [f64]) -> Result<(), Trouble> {
+    fn states(&mut self, states: &mut [f64]) -> Result<(), StepError> {
         states.copy_from_slice(&self.0.continuous_states()?);
         Ok(())
     }
 
-    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, Trouble> {
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, StepError> {
         let run = &mut *self.0;
         // The time of an event differs by rounding from that of the step in which it is.
-        run.instance.set_time(time.max(run.place.handled))?;
+        run.instance.set_time(time.max(run.position.handled))?;
         if !states.is_empty() {
             run.instance.set_continuous_states(states)?;
         }
@@ -186,34 +186,34 @@ impl System for Equations<'_, '_> {
         self.0.solver.indicators[indicator]
     }
 
-    fn not_finite(&mut self) -> Trouble {
+    fn not_finite(&mut self) -> StepError {
         let reason = "a derivative or an event indicator became NaN or infinite".to_owned();
-        Trouble::Equations { reason, is_discarded: false }
+        StepError::Equations { reason, is_discarded: false }
     }
 
-    fn completed(&mut self, time: f64) -> Result<bool, Trouble> {
+    fn completed(&mut self, time: f64) -> Result<bool, StepError> {
         let completed = self.0.instance.completed_integrator_step()?;
         self.0.check_written("fmi2CompletedIntegratorStep", completed.is_written);
-        self.0.place.now = time;
+        self.0.position.now = time;
         match completed.terminate {
-            true => Err(Trouble::Ended),
+            true => Err(StepError::Ended),
             false => Ok(completed.enter_event_mode),
         }
     }
 
-    fn event(&mut self, time: f64) -> Result<(), Trouble> {
+    fn event(&mut self, time: f64) -> Result<(), StepError> {
         let run = &mut *self.0;
-        if time > run.place.handled {
+        if time > run.position.handled {
             run.instance.set_time(time)?;
         }
-        run.place.now = time;
+        run.position.now = time;
         run.instance.enter_event_mode()?;
         run.iterate()?;
-        if run.ended { Err(Trouble::Ended) } else { Ok(()) }
+        if run.ended { Err(StepError::Ended) } else { Ok(()) }
     }
 
     fn next_event(&self, time: f64) -> Option<f64> {
-        self.0.place.next_event.filter(|next| *next > time)
+        self.0.position.next_event.filter(|next| *next > time)
     }
 }
 

@@ -35,7 +35,7 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
     let inputs = inputs.filter(|v| v.causality == Causality::Input && is_readable(v));
     let inputs = inputs.zip(0..).map(|(variable, index)| {
         let elements = 0..variable.element_count().min(MAX_EXCITED);
-        let signals = elements.map(|element| Signal::of(variable, element, index)).collect();
+        let signals = elements.map(|element| Signal::new(variable, element, index)).collect();
         Input { variable, index, signals }
     });
     inputs.collect()
@@ -43,7 +43,7 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
 
 impl Signal {
     /// How an element of a variable changes, which is one of several inputs.
-    fn of(variable: &XmlVariable<'_>, element: usize, index: u64) -> Self {
+    fn new(variable: &XmlVariable<'_>, element: usize, index: u64) -> Self {
         let start = variable.start_of(element).cloned();
         match variable.of_type {
             Type::Float32 | Type::Float64 => {
@@ -135,7 +135,7 @@ pub fn allows(variable: &XmlVariable<'_>, value: &Value) -> bool {
     }
 }
 
-/// Values of a scalar that the XML allows: all items of an Enumeration; of others, the start value and those
+/// Values of a scalar that the XML allows: all items of an Enumeration; of other types, the start value and values
 /// around it.
 fn near(variable: &XmlVariable<'_>, start: &Value) -> Vec<Value> {
     let of_type = variable.of_type;
@@ -166,12 +166,12 @@ pub fn starts(variable: &XmlVariable<'_>) -> Option<Vec<Value>> {
 }
 
 /// Another value of a scalar than its start value, which must be in the XML.
-pub fn other(variable: &XmlVariable<'_>) -> Option<Value> {
-    others(variable).into_iter().next()?.pop()
+pub fn other_value(variable: &XmlVariable<'_>) -> Option<Value> {
+    other_values(variable).into_iter().next()?.pop()
 }
 
 /// Other values of a variable than its start values. Those of an array differ in each element that may have another one.
-pub fn others(variable: &XmlVariable<'_>) -> Vec<Vec<Value>> {
+pub fn other_values(variable: &XmlVariable<'_>) -> Vec<Vec<Value>> {
     let Some(starts) = starts(variable) else { return Vec::new() };
     let others = |start: &Value| {
         let mut others = near(variable, start);

@@ -90,7 +90,7 @@ pub struct Difference<'a> {
 }
 
 impl<'a> Observed<'a> {
-    pub fn of(variables: impl Iterator<Item = &'a XmlVariable<'a>>, version: FmiVersion) -> Self {
+    pub fn new(variables: impl Iterator<Item = &'a XmlVariable<'a>>, version: FmiVersion) -> Self {
         let accessed = |v: &&XmlVariable<'_>| v.of_type.accessed_as(version) as u8;
         let mut variables: Vec<_> = variables.collect();
         variables.sort_by_key(accessed);
@@ -229,7 +229,7 @@ pub fn observed<'a>(model: &'a ModelDescription<'a>, without: &HashSet<String>) 
     use Causality::{CalculatedParameter, Local, Output};
     let computed = readable(model, without)
         .filter(|v| matches!(v.causality, Output | Local | CalculatedParameter));
-    Observed::of(computed, model.version)
+    Observed::new(computed, model.version)
 }
 
 /// Whether a variable changes at events only.

@@ -9,7 +9,7 @@ use fmu_description::{Value, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, InterfaceType, Status};
 
-use crate::binary::excitation::{Input, others, starts};
+use crate::binary::excitation::{Input, other_values, starts};
 use crate::binary::observed::{Observed, Row, Trajectory, get, is_discrete};
 use crate::binary::subject::{SKIP, Setup, Subject};
 use crate::rule::{Rule, rule};
@@ -35,7 +35,7 @@ pub struct Run<'a> {
     /// What differs from other runs.
     pub setup: Setup<'a>,
     pub instance: Instance,
-    pub place: Place,
+    pub position: Position,
     pub is_initialized: bool,
     /// Whether the FMU has ended the run, or the default experiment or the equations do not go on.
     pub ended: bool,
@@ -48,7 +48,7 @@ pub struct Run<'a> {
 
 /// A point of a simulation, to which a restored state goes back.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Place {
+pub struct Position {
     /// Number of communication points passed.
     pub point: usize,
     /// In model exchange, the time of the last step of the integration; with event mode, of the last
@@ -67,7 +67,7 @@ impl<'a> Run<'a> {
             subject,
             setup,
             instance: subject.instantiate(&setup)?,
-            place: Place::default(),
+            position: Position::default(),
             is_initialized: false,
             ended: false,
             stuck: None,
@@ -126,15 +126,15 @@ impl<'a> Run<'a> {
     pub fn time(&self) -> f64 {
         let (start, step) = (self.subject.start, self.subject.step);
         match self.setup.summed_times {
-            true => (0..self.place.point).fold(start, |time, _| time + step),
-            false => start + self.place.point as f64 * step,
+            true => (0..self.position.point).fold(start, |time, _| time + step),
+            false => start + self.position.point as f64 * step,
         }
     }
 
     /// Puts an instance that is new or was reset into initialization mode.
     pub fn enter_initialization(&mut self) -> Result<()> {
         let start = self.subject.start;
-        self.place = Place { now: start, handled: start, ..Place::default() };
+        self.position = Position { now: start, handled: start, ..Position::default() };
         (self.is_initialized, self.ended, self.stuck) = (false, false, None);
         if self.setup.parameters {
             let parameters = self.subject.settable().filter(|v| v.is_parameter());
@@ -207,7 +207,7 @@ impl<'a> Run<'a> {
         variables: impl Iterator<Item = &'b XmlVariable<'b>>,
     ) -> Result<()> {
         for variable in variables {
-            if let Some(values) = others(variable).first() {
+            if let Some(values) = other_values(variable).first() {
                 self.set(variable, values).ok().context(SKIP)?;
             }
         }
@@ -253,7 +253,7 @@ impl<'a> Run<'a> {
     pub fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
         let Setup { excitation, seed, .. } = self.setup;
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
-            if let Some(values) = input.values(excitation, seed, self.place.point) {
+            if let Some(values) = input.values(excitation, seed, self.position.point) {
                 self.set(input.variable, &values)?;
             }
         }
@@ -262,7 +262,7 @@ impl<'a> Run<'a> {
 
     /// Iterates in event mode until no new discrete states are needed.
     pub fn iterate(&mut self) -> Result<()> {
-        let time = self.place.now;
+        let time = self.position.now;
         let before = self.continuous_states()?;
         let (mut may_change, mut nominals_changed) = (false, false);
         for _ in 0..MAX_ROUNDS {
@@ -290,7 +290,7 @@ impl<'a> Run<'a> {
                     "an event has changed the states from {before:?} to {after:?}, but valuesOfContinuousStatesChanged is false"
                 );
             }
-            (self.place.next_event, self.place.handled) = (update.next_event, time);
+            (self.position.next_event, self.position.handled) = (update.next_event, time);
             if nominals_changed {
                 self.read_nominals()?;
                 self.solver.has_new_nominals = true;
@@ -321,7 +321,7 @@ impl<'a> Run<'a> {
 
     /// Takes a communication step, unless the run has ended; it ends with the default experiment.
     pub fn advance(&mut self) -> Result<()> {
-        self.ended |= self.place.point >= self.subject.all_steps();
+        self.ended |= self.position.point >= self.subject.all_steps();
         if self.ended {
             return Ok(());
         }
@@ -340,7 +340,7 @@ impl<'a> Run<'a> {
             }
             InterfaceType::ModelExchange => self.integrate(begin, step)?,
         }
-        self.place.point += 1;
+        self.position.point += 1;
         Ok(())
     }
 
@@ -366,7 +366,7 @@ impl<'a> Run<'a> {
             if self.ended || !self.step_once(begin, size)? {
                 return Ok(());
             }
-            (begin, size) = (self.place.now, end - self.place.now);
+            (begin, size) = (self.position.now, end - self.position.now);
         }
         bail!("the step from t = {time} s has returned early {MAX_ROUNDS} times")
     }
@@ -394,7 +394,7 @@ impl<'a> Run<'a> {
             return Ok(false);
         }
         let (last, end) = (stepped.last_successful_time, time + step);
-        self.place.now = last;
+        self.position.now = last;
         let usual = self.subject.step;
         let slack = 1e-6 * usual + 1e-9 * end.abs();
         // A step that returns for an event at its end is complete.

@@ -311,7 +311,7 @@ impl<'a> Subject<'a> {
     }
 
     pub fn group(&self, variables: impl Iterator<Item = &'a XmlVariable<'a>>) -> Observed<'a> {
-        Observed::of(variables, self.model.version)
+        Observed::new(variables, self.model.version)
     }
 }
 

@@ -7,7 +7,7 @@ use fmu_description::{Causality, Type, Unknown, Value, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::InterfaceType;
 
-use crate::binary::excitation::{others, starts};
+use crate::binary::excitation::{other_values, starts};
 use crate::binary::observed::{Observed, Row, is_near, is_tested, shown, size};
 use crate::binary::probes::regions::visit;
 use crate::binary::run::Run;
@@ -81,7 +81,7 @@ pub fn state_pairs<'a>(subject: &Subject<'a>) -> Option<Pairs<'a>> {
 }
 
 /// Changes each input, and looks for outputs that follow though the XML says that they do not, at two times.
-pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
+pub fn direct(subject: &Subject<'_>) -> Result<()> {
     let has_events =
         subject.interface_type == InterfaceType::ModelExchange || subject.setup().event_mode;
     let is_known =
@@ -92,24 +92,24 @@ pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
     let outputs = subject.group(subject.variables(Causality::Output));
     let allowed = Dependencies::in_run(subject);
     let mut run = Run::after(subject, WARM_UP)?;
-    follow(&mut run, &outputs, &inputs, &allowed)?;
+    check_unlisted(&mut run, &outputs, &inputs, &allowed)?;
     run.advance_by(subject.task.steps)?;
     ensure!(!run.ended, SKIP);
-    follow(&mut run, &outputs, &inputs, &allowed)
+    check_unlisted(&mut run, &outputs, &inputs, &allowed)
 }
 
-/// As [`dependencies`], in initialization mode, also with parameters.
-pub fn initial_dependencies(subject: &Subject<'_>) -> Result<()> {
+/// As [`direct`], in initialization mode, also with parameters.
+pub fn initial(subject: &Subject<'_>) -> Result<()> {
     let (unknowns, knowns, allowed) = initial_pairs(subject);
     let knowns: Vec<_> = knowns.into_iter().map(|(known, _)| known).collect();
     let mut run = Run::initializing(subject, subject.still())?;
     subject.report.stage("in initialization mode");
-    follow(&mut run, &subject.group(unknowns.into_iter()), &knowns, &allowed)
+    check_unlisted(&mut run, &subject.group(unknowns.into_iter()), &knowns, &allowed)
 }
 
 /// Changes each known, and checks that only unknowns that may depend on it follow. An error, such as that of an
 /// assertion, is no dependency, and ends the test.
-pub fn follow(
+pub fn check_unlisted(
     run: &mut Run<'_>,
     unknowns: &Observed<'_>,
     knowns: &[&XmlVariable<'_>],
@@ -125,7 +125,7 @@ pub fn follow(
             Value::real(known.of_type, x + 0.1 * x.abs().max(1.0))
         });
         let changed = moved.collect::<Option<Vec<Value>>>().or_else(|| {
-            let mut all = others(known).into_iter().chain(starts(known));
+            let mut all = other_values(known).into_iter().chain(starts(known));
             all.find(|others| others.iter().zip(&values).any(|(a, b)| !is_near(a, b, 0.0)))
         });
         let Some(changed) = changed else { continue };

@@ -19,7 +19,7 @@ use crate::binary::subject::{SKIP, Subject};
 /// The unknowns when a known is changed from its value by this much, which is then changed back; the test ends if the
 /// FMU refuses that, which is no derivative. If the known is the state of this index, the derivatives are the first
 /// unknowns.
-pub fn moved(
+pub fn values_after_change(
     run: &mut Run<'_>,
     (known, state, value): (&XmlVariable<'_>, Option<usize>, f64),
     change: f64,
@@ -109,7 +109,7 @@ fn compare(
     const SMOOTH: f64 = 1e-2;
     let (all, (min, max)) = (references(unknowns), real_range(known));
     let all_given = directional(run, &all, &[known.reference], &[1.0])?;
-    let mut measure = |change: f64| moved(run, (known, state, value), change, &all);
+    let mut measure = |change: f64| values_after_change(run, (known, state, value), change, &all);
     let before = measure(0.0)?;
     // For each size of the change, to both sides.
     let mut quotients = [Vec::new(), Vec::new()];
@@ -151,7 +151,7 @@ fn compare(
 }
 
 /// The unknowns and knowns of directional derivatives after initialization.
-pub fn in_run<'a>(
+pub fn unknowns_and_knowns<'a>(
     subject: &Subject<'a>,
 ) -> (Vec<&'a XmlVariable<'a>>, Vec<Known<'a>>, Dependencies<'a>) {
     let (mut unknowns, mut states) = state_pairs(subject).unwrap_or_default();
@@ -167,8 +167,8 @@ pub fn in_run<'a>(
 
 /// Compares directional derivatives of outputs, and of derivatives of states, with difference quotients: at two times,
 /// and in event mode.
-pub fn derivatives_in_run(subject: &Subject<'_>) -> Result<()> {
-    let (unknowns, knowns, allowed) = in_run(subject);
+pub fn in_run(subject: &Subject<'_>) -> Result<()> {
+    let (unknowns, knowns, allowed) = unknowns_and_knowns(subject);
     let mut run = Run::after(subject, WARM_UP)?;
     let is_called = compare_all(&mut run, &unknowns, &knowns, &allowed)?;
     run.advance_by(subject.task.steps)?;
@@ -187,7 +187,7 @@ pub fn derivatives_in_run(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Compares directional derivatives in initialization mode with difference quotients, for the pairs that the XML lists.
-pub fn derivatives_in_initialization(subject: &Subject<'_>) -> Result<()> {
+pub fn in_initialization(subject: &Subject<'_>) -> Result<()> {
     let (unknowns, knowns, allowed) = initial_pairs(subject);
     let mut run = Run::initializing(subject, subject.still())?;
     subject.report.stage("in initialization mode");
@@ -195,7 +195,7 @@ pub fn derivatives_in_initialization(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Asks for directional derivatives of pairs that the XML does not list: 0, or an error.
-pub fn unlisted_derivatives(subject: &Subject<'_>) -> Result<()> {
+pub fn unlisted(subject: &Subject<'_>) -> Result<()> {
     let allowed = Dependencies::in_run(subject);
     let mut run = Run::after(subject, WARM_UP)?;
     for input in subject.continuous(Causality::Input).into_iter().take(MAX_INPUTS) {
@@ -217,7 +217,7 @@ pub fn unlisted_derivatives(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Compares adjoint derivatives with directional ones.
-pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
+pub fn adjoint(subject: &Subject<'_>) -> Result<()> {
     ensure!(subject.claims("providesDirectionalDerivative"), SKIP);
     let mut run = Run::after(subject, WARM_UP)?;
     let allowed = Dependencies::in_run(subject);
@@ -267,7 +267,7 @@ fn compare_adjoint(
 }
 
 /// Compares directional derivatives with difference quotients.
-pub fn derivatives_elsewhere(subject: &Subject<'_>) -> Result<()> {
-    let (unknowns, knowns, allowed) = in_run(subject);
+pub fn elsewhere(subject: &Subject<'_>) -> Result<()> {
+    let (unknowns, knowns, allowed) = unknowns_and_knowns(subject);
     visit(subject, |run| compare_all(run, &unknowns, &knowns, &allowed).map(drop))
 }

@@ -67,9 +67,9 @@ pub fn states(subject: &Subject<'_>) -> Result<()> {
             "the binary has {} states and {} event indicators, expected {n} and {indicators}",
             counted[0], counted[1]);
     }
-    written(&mut run, "fmi2GetContinuousStates", n, Instance::get_continuous_states)?;
-    written(&mut run, "fmi2GetDerivatives", n, Instance::get_continuous_state_derivatives)?;
-    written(&mut run, "fmi2GetEventIndicators", indicators, Instance::get_event_indicators)?;
+    check_count(&mut run, "fmi2GetContinuousStates", n, Instance::get_continuous_states)?;
+    check_count(&mut run, "fmi2GetDerivatives", n, Instance::get_continuous_state_derivatives)?;
+    check_count(&mut run, "fmi2GetEventIndicators", indicators, Instance::get_event_indicators)?;
     let Some((derivatives, states)) = state_pairs(subject) else { return Ok(()) };
     for (state, nominal) in states.iter().zip(run.solver.nominals.clone()) {
         let expected = state.value.real("nominal").unwrap_or(nominal);
@@ -98,7 +98,7 @@ pub fn states(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Checks that a function writes as many numbers as the XML lists.
-pub fn written(
+pub fn check_count(
     run: &mut Run<'_>,
     function: &str,
     n: usize,

@@ -10,7 +10,7 @@ use fmu_description::{Causality, Value, Variability, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::Library;
 
-use crate::binary::excitation::{others, real_range, starts, usual_change};
+use crate::binary::excitation::{other_values, real_range, starts, usual_change};
 use crate::binary::observed::{Observed, Row, element_name, is_discrete, is_near, shown, size};
 use crate::binary::run::Run;
 use crate::binary::subject::{SKIP, Subject};
@@ -175,8 +175,8 @@ impl<'a> Pair<'a> {
             let (time, step) = (subject.start + point as f64 * subject.step, subject.step);
             if let Some((jump, _, values)) = jump.filter(|(_, at, _)| *at == point) {
                 // A sample here may see the input before or after it jumps, and the next one is late.
-                let is_due = run.place.handled >= time - 1e-6 * step;
-                let is_rare = run.place.next_event.is_some_and(|next| next > time + 3.0 * step);
+                let is_due = run.position.handled >= time - 1e-6 * step;
+                let is_rare = run.position.next_event.is_some_and(|next| next > time + 3.0 * step);
                 ensure!(!(is_due && is_rare), SKIP);
                 is_event = run.jump(jump.variable, values, notices)?;
             }
@@ -318,7 +318,7 @@ fn jumps<'a>(variable: &'a XmlVariable<'a>) -> Vec<Jump<'a>> {
     /// The other jump is a little smaller, for what depends on the size.
     const AGAIN: f64 = 0.96;
     if !variable.of_type.is_float() {
-        let others = others(variable).into_iter();
+        let others = other_values(variable).into_iter();
         return others.map(|values| Jump { variable, again: values.clone(), values }).collect();
     }
     let Some(starts) = starts(variable) else { return Vec::new() };

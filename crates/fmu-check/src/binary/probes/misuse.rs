@@ -8,7 +8,7 @@ use fmu_file::text::quote;
 use fmu_host::{InterfaceType, fmi2};
 
 use super::runs::{bytes, reset_and_run};
-use crate::binary::excitation::other;
+use crate::binary::excitation::other_value;
 use crate::binary::observed::{Difference, is_tested, readable};
 use crate::binary::report::check;
 use crate::binary::run::Run;
@@ -168,7 +168,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
         let mut reals = reals.into_iter().filter(|v| !states.contains(&v.reference));
         let Some(variable) = reals.find(|v| v.variability == variability) else { continue };
         let value = match causality {
-            Parameter => other(variable),
+            Parameter => other_value(variable),
             _ => Some(Value::Float64(0.0)),
         };
         if let Some(value) = value {

@@ -231,14 +231,14 @@ pub static OTHERS: &[Probe] = probes! {
     "start": "start-values", variables::start, Quick;
     "state": "state", runs::restore, Quick, STATE;
     "serialized": "serialized-state", runs::serialize, Quick, STATE, BYTES;
-    "directional": "directional-derivatives", derivatives::derivatives_in_run, Quick, DIRECTIONAL;
-    "directional-elsewhere": "directional-derivatives", derivatives::derivatives_elsewhere, DIRECTIONAL;
+    "directional": "directional-derivatives", derivatives::in_run, Quick, DIRECTIONAL;
+    "directional-elsewhere": "directional-derivatives", derivatives::elsewhere, DIRECTIONAL;
     "dependencies-kind": "dependencies-kind", dependencies::kinds;
-    "directional-initial": "directional-derivatives", derivatives::derivatives_in_initialization, DIRECTIONAL;
-    "directional-unlisted": "directional-derivatives", derivatives::unlisted_derivatives, Misuse, DIRECTIONAL;
-    "input-derivatives": "input-derivatives", time_derivatives::derivatives_of_inputs_in_time,
+    "directional-initial": "directional-derivatives", derivatives::in_initialization, DIRECTIONAL;
+    "directional-unlisted": "directional-derivatives", derivatives::unlisted, Misuse, DIRECTIONAL;
+    "input-derivatives": "input-derivatives", time_derivatives::of_inputs,
         Quick, Fmi2, CoSimulation, INTERPOLATES;
-    "output-derivatives": "output-derivatives", time_derivatives::derivatives_of_outputs_in_time, Quick, CoSimulation;
+    "output-derivatives": "output-derivatives", time_derivatives::of_outputs, Quick, CoSimulation;
     "reset": "reset", |s| same(s, ["after fmi2Reset", NEW], s.tolerance, runs::reset), Quick;
     "reset-new": "reset",
         |s| same(s, ["after fmi2Reset of a new instance", NEW], s.tolerance,
@@ -277,14 +277,14 @@ pub static OTHERS: &[Probe] = probes! {
     "kept": "inputs-kept", variables::kept;
     "kept-arrays": "inputs-kept", variables::kept_arrays, Quick, Fmi3;
     "tunable": "tunable", variables::tunable, CoSimulation;
-    "dependencies": "true-dependencies", dependencies::dependencies;
-    "initial-dependencies": "true-dependencies", dependencies::initial_dependencies;
+    "dependencies": "true-dependencies", dependencies::direct;
+    "initial-dependencies": "true-dependencies", dependencies::initial;
     "states": "state-variables", equations::states, ModelExchange;
     "events": "event-iteration", equations::events, ModelExchange;
     "array-lengths": "array-lengths", misuse::array_lengths, Misuse, Fmi3;
     "sizes": "structural-parameters", variables::sizes, Quick, Fmi3, CoSimulation;
     "input-events": "input-events", interfaces::input_events, CoSimulation, Several;
-    "adjoint": "adjoint-derivatives", derivatives::adjoint_derivatives, Quick, Fmi3, ADJOINT;
+    "adjoint": "adjoint-derivatives", derivatives::adjoint, Quick, Fmi3, ADJOINT;
     "event-mode": "event-mode", runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
     "flags": "runs", runs::flags, Quick, Fmi3, CoSimulation;
     "start-time": "start-time", runs::start_time, Quick;

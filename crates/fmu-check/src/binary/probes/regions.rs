@@ -49,7 +49,7 @@ pub fn visit(
     test(&mut run)?;
     let (begin, limit) = (Instant::now(), Duration::from_secs(subject.task.seconds) / 50);
     let last = subject.all_steps().saturating_sub(SHARES.len() + 1);
-    while run.place.point < last && begin.elapsed() < limit && !run.ended {
+    while run.position.point < last && begin.elapsed() < limit && !run.ended {
         run.advance()?;
     }
     for share in SHARES {
@@ -64,8 +64,8 @@ pub fn visit(
                 }),
                 // An output may follow in the next step only.
                 InterfaceType::CoSimulation => {
-                    let point = run.place.point;
-                    run.place.point += 1;
+                    let point = run.position.point;
+                    run.position.point += 1;
                     run.do_step(point as f64, 1.0).map(drop)
                 }
             };

@@ -407,7 +407,7 @@ pub fn restore(subject: &Subject<'_>) -> Result<()> {
     let tolerance = subject.tolerance;
     let mut run = Run::begin(subject, subject.setup())?;
     let past = run.record()?;
-    let place = run.place;
+    let position = run.position;
     let saved = run.instance.get_fmu_state()?;
     let set = subject.group(subject.settable());
     let set_before = run.row(&set)?;
@@ -424,7 +424,7 @@ pub fn restore(subject: &Subject<'_>) -> Result<()> {
             break;
         }
         run.instance.set_fmu_state(&saved)?;
-        run.place = place;
+        run.position = position;
         let when = "after the state was restored";
         subject.report.stage(when);
         let how = [when, " as when it was saved"];
@@ -454,13 +454,13 @@ pub fn serialize(subject: &Subject<'_>) -> Result<()> {
     let saved = |setup| -> Result<_> {
         let mut run = Run::begin(subject, setup)?;
         let past = run.record()?;
-        let place = run.place;
+        let position = run.position;
         let bytes = bytes(&mut run)?;
         let expected = [run.record()?, past].concat();
-        Ok((run, place, bytes, expected))
+        Ok((run, position, bytes, expected))
     };
     let changed = saved(subject.setup().with(|s| s.parameters = !subject.is_alone()));
-    let (run, place, bytes, expected) = changed.or_else(|_| saved(subject.setup()))?;
+    let (run, position, bytes, expected) = changed.or_else(|_| saved(subject.setup()))?;
     if run.ended {
         return Ok(());
     }
@@ -475,7 +475,7 @@ pub fn serialize(subject: &Subject<'_>) -> Result<()> {
     let state = other.instance.deserialize_fmu_state(&bytes)?;
     other.instance.set_fmu_state(&state)?;
     other.instance.free_fmu_state(state)?;
-    other.place = place;
+    other.position = position;
     let actual = other.record()?;
     let how = ["after steps from the state restored from bytes", " as in the first instance"];
     (subject.observed).ensure_same(&actual, &expected, subject.tolerance.max(RESTART), how)

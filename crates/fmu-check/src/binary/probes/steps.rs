@@ -27,7 +27,7 @@ pub fn long_steps(subject: &Subject<'_>) -> Result<()> {
     let steps = subject.task.steps / longest * longest;
     let run = |size| rows(subject, steps, size).ok().context(SKIP);
     let usual = run(1.0)?;
-    let compare = |rows: &[Row], every: usize| Differences::of(subject, &usual, rows, every);
+    let compare = |rows: &[Row], every: usize| Differences::new(subject, &usual, rows, every);
     let halves: Vec<Row> = run(0.5)?.into_iter().step_by(2).collect();
     let mut before = compare(&halves, 1);
     for size in SIZES.into_iter().filter(|size| longest % size == 0) {
@@ -80,7 +80,7 @@ struct Differences {
 
 impl Differences {
     /// Compares a run with every few rows of the usual one.
-    fn of(subject: &Subject<'_>, usual: &[Row], rows: &[Row], every: usize) -> Self {
+    fn new(subject: &Subject<'_>, usual: &[Row], rows: &[Row], every: usize) -> Self {
         let mut continuous: f64 = 0.0;
         let of_element = |(element, (variable, _)): (usize, (&XmlVariable<'_>, usize))| {
             let usual_rows = usual.iter().step_by(every);

@@ -16,7 +16,7 @@ use crate::binary::subject::{SKIP, Subject};
 
 /// Passes derivatives of inputs: an input that changes by 1 during a step must show where an input that is 1
 /// higher does.
-pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
+pub fn of_inputs(subject: &Subject<'_>) -> Result<()> {
     let inputs = references(&subject.reals(Causality::Input));
     if inputs.is_empty() {
         return Ok(());
@@ -49,7 +49,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
 pub const OUTPUT_DERIVATIVES: &str = "maxOutputDerivativeOrder is not 0, but";
 
 /// Compares derivatives of outputs with their changes, at the start and later, with inputs that do not change.
-pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
+pub fn of_outputs(subject: &Subject<'_>) -> Result<()> {
     let order = subject.element.attribute("maxOutputDerivativeOrder");
     let outputs = subject.continuous(Causality::Output);
     if order.and_then(whole::<i32>).is_none_or(|order| order <= 0) || outputs.is_empty() {

@@ -9,7 +9,7 @@ use fmu_description::{Causality, FmiVersion, Initial, Type, Value, Variability, 
 use fmu_file::text::quote;
 use fmu_host::InterfaceType;
 
-use crate::binary::excitation::{allows, other, others};
+use crate::binary::excitation::{allows, other_value, other_values};
 use crate::binary::observed::{
     MAX_ELEMENTS, Row, element_name, is_near, is_readable, is_tested, references, shown, size,
 };
@@ -116,7 +116,7 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
     alone.reverse();
     let like = " as when it is read with all others";
     same(alone, "when it is read alone", like)?;
-    guarded(subject, &mut run)?;
+    check_end_of_buffer(subject, &mut run)?;
     let mut backwards = together[0].1.clone();
     let is_real = |v: &XmlVariable<'_>| v.of_type == Type::Float64 && is_tested(v);
     let reals = all.elements().enumerate();
@@ -131,11 +131,11 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
     }
     same(backwards, "when it is read together in another order", "")?;
     // Last, since values must not be read between set and step.
-    unwritten(subject, &mut run)
+    check_inputs_are_not_written(subject, &mut run)
 }
 
 /// Reads Reals into a buffer that is longer than needed. FMI 3.0 passes its length.
-fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
+fn check_end_of_buffer(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     const GUARD: f64 = 1.234_567_89e300;
     let variables = subject.observed.variables();
     let reals: Vec<_> = variables.filter(|v| v.of_type == Type::Float64).collect();
@@ -151,7 +151,7 @@ fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
 }
 
 /// Sets inputs to the values that they have, from an array that must not be written.
-fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
+fn check_inputs_are_not_written(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     let references = references(&subject.reals(Causality::Input));
     if references.is_empty() || subject.interface_type == InterfaceType::ModelExchange {
         return Ok(());
@@ -201,14 +201,14 @@ pub fn kept(subject: &Subject<'_>) -> Result<()> {
     let still = subject.still();
     for together in [false, true] {
         let when = "before initialization";
-        are_kept(Run::instantiate(subject, still)?, &[Parameter], when, together, |run| {
+        check_kept(Run::instantiate(subject, still)?, &[Parameter], when, together, |run| {
             run.enter_initialization()?;
             run.exit_initialization()
         })?;
         let when = "in initialization mode";
         let initializing = |causalities: &[Causality]| {
             let run = Run::initializing(subject, still)?;
-            are_kept(run, causalities, when, together, Run::exit_initialization)
+            check_kept(run, causalities, when, together, Run::exit_initialization)
         };
         if together {
             initializing(&[Parameter, Input])?;
@@ -218,14 +218,14 @@ pub fn kept(subject: &Subject<'_>) -> Result<()> {
             return Ok(());
         }
         let stepped = Run::stepped(subject, still)?;
-        are_kept(stepped, &[Input], "between two steps", together, Run::advance)?;
+        check_kept(stepped, &[Input], "between two steps", together, Run::advance)?;
     }
     Ok(())
 }
 
 /// Sets variables one by one, or those of a type together and to other values, and reads them once `settle` has made
 /// the calls after which hosts read them; returns whether the FMU has accepted all values.
-fn are_kept<'a>(
+fn check_kept<'a>(
     mut run: Run<'a>,
     causalities: &[Causality],
     when: &str,
@@ -235,7 +235,7 @@ fn are_kept<'a>(
     let subject = run.subject;
     let value = |variable: &XmlVariable<'_>| {
         let is_bounded = variable.min.is_some() || variable.max.is_some();
-        let others = others(variable);
+        let others = other_values(variable);
         let large =
             |bits: u32| Value::whole(variable.of_type, (1 << bits) + 1 + i128::from(together));
         match variable.of_type {
@@ -412,7 +412,7 @@ pub fn sizes(subject: &Subject<'_>) -> Result<()> {
     for parameter in parameters.filter(is_size) {
         let bounds = [&parameter.min, &parameter.max];
         let is_bounded = bounds.iter().any(|bound| bound.is_some());
-        if let Some(size) = other(parameter).filter(|_| is_bounded) {
+        if let Some(size) = other_value(parameter).filter(|_| is_bounded) {
             let name = quote(&parameter.name);
             let run = resized(subject, parameter, &size);
             run.map_err(|error| anyhow::anyhow!("with {name} = {size}, {error:#}"))?;
