@@ -4,7 +4,7 @@ use std::fmt;
 
 use anyhow::{Context, Result, ensure};
 use fmu_description::{Type, Value, Variable};
-use serde::de::{SeqAccess, Visitor};
+use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use toml::de::ValueDeserializer;
 
@@ -23,6 +23,26 @@ pub enum Literal {
     Text(String),
     /// The values of an array, row by row.
     Array(Vec<Self>),
+}
+
+/// Reads a value of a file and converts it, so that an error names its line.
+pub(crate) fn read_checked<'de, D: Deserializer<'de>, T: Deserialize<'de>, U>(
+    deserializer: D,
+    convert: impl FnOnce(T) -> Result<U>,
+) -> Result<U, D::Error> {
+    convert(T::deserialize(deserializer)?).map_err(D::Error::custom)
+}
+
+/// The literal of a value of a sweep.
+impl From<&Value> for Literal {
+    fn from(value: &Value) -> Self {
+        match value {
+            // Integer parameters accept it, too.
+            Value::Float64(n) if n.fract() == 0.0 && n.abs() < 1e30 => Self::Integer(*n as i128),
+            Value::Float64(n) => Self::Real(*n),
+            value => Self::Text(value.to_string()),
+        }
+    }
 }
 
 impl<'de> Deserialize<'de> for Literal {

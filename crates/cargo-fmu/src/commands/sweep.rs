@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use fmu_master::Overrides;
 use fmu_master::sweep::{Outline, Study, SweepProgress, Workers};
 use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -67,9 +68,13 @@ fn runs(text: &str) -> Result<Range<u64>> {
 /// # Errors
 /// A file is invalid or cannot be written, or every run failed.
 pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
-    let sandbox = args.limited.sandbox();
-    let [system, fmus, input] = [&args.system, &args.fmus, &args.input].map(|path| path.as_deref());
-    let open = || Study::open(&args.sweep, system, fmus, input, sandbox);
+    let options = Overrides {
+        fmus: args.fmus.clone(),
+        input: args.input.clone(),
+        sandbox: args.limited.sandbox(),
+        ..Overrides::default()
+    };
+    let open = || Study::open(&args.sweep, args.system.as_deref(), &options);
     if let Some(mut service) = Service::from_env()? {
         open()?.work(&mut service)?;
         return Ok(ExitCode::SUCCESS);

@@ -1,11 +1,123 @@
-//! Metrics of a run, computed sample by sample.
+//! The metrics of a run: their definitions, which are columns of the table of a sweep, and how they are computed sample by
+//! sample. A new metric is a field below, a line in [`MetricsAccumulator`], and a row in `docs/sweeps.md`.
 
-use anyhow::{Result, ensure};
+use anyhow::ensure;
 use fmu_description::{Type, Value};
 use serde::{Deserialize, Deserializer};
 
-use super::converted;
+use super::signals::LoopSample;
+use crate::literal::read_checked;
 use crate::table::{Cell, Column};
+
+/// Defines the metrics: each is a field, and a column of the table of a sweep, in this order.
+macro_rules! metrics {
+    ($($(#[$attribute:meta])* $name:ident: $type:ty,)*) => {
+        /// The metrics of a run, up to its divergence if it diverged.
+        #[derive(Debug, Clone, Copy, PartialEq, Default)]
+        pub struct Metrics {
+            $($(#[$attribute])* pub $name: $type,)*
+        }
+
+        impl Metrics {
+            const COUNT: usize = [$(stringify!($name)),*].len();
+            const UNKNOWN: Self = Self { $($name: <$type as Metric>::UNKNOWN,)* };
+
+            /// The columns of the metrics.
+            pub fn columns() -> [Column; Self::COUNT] {
+                [$(<$type as Metric>::column(stringify!($name)),)*]
+            }
+
+            /// The metrics in the order of [`Metrics::columns`].
+            pub fn cells(&self) -> [Cell; Self::COUNT] {
+                [$(self.$name.cell(),)*]
+            }
+        }
+    };
+}
+
+metrics! {
+    /// Integral of |e|. This and the next two are computed from the first to the last sample by the
+    /// rectangle rule: a sample holds until the next one.
+    iae: f64,
+    /// Integral of e².
+    ise: f64,
+    /// Integral of |e|, weighted by the time since the first sample in seconds.
+    itae: f64,
+    /// The overshoot of y beyond the reference, at least 0:
+    ///
+    /// - If the reference is a step, that is, changes at most once, the maximum excess of y beyond its
+    ///   last value, in the direction of the step, as a fraction of the step's height. The step starts
+    ///   from the reference's first value if it changes, and from the first y if not.
+    /// - If the reference changes more than once, like a sine or square wave, the maximum excess of
+    ///   |y| beyond the reference's maximum absolute value, as a fraction of that value.
+    ///
+    /// `None` if there is no sample or the step has zero height.
+    overshoot: Option<f64>,
+    /// The time in seconds, not before the reference's last change, from which on |e| stays within
+    /// [`Criteria::band`] times the absolute value of the reference. `None` if there is no such time,
+    /// the reference still changes at the last sample, or the run diverged.
+    settling_time: Option<f64>,
+    /// Maximum |u|; 0 if there is no sample.
+    largest_u: f64,
+    /// The error at the last sample; `None` if there is no sample.
+    final_e: Option<f64>,
+    /// Whether the simulation failed, a number was not finite, or |e| exceeded [`Criteria::limit`].
+    diverged: bool,
+    /// The time of divergence in seconds.
+    diverged_at: Option<f64>,
+}
+
+/// The type of a metric.
+trait Metric: Sized {
+    /// The metric of a run that has no samples because an FMU refused it or ended its process.
+    const UNKNOWN: Self;
+
+    fn column(name: &str) -> Column;
+    fn cell(self) -> Cell;
+}
+
+impl Metric for f64 {
+    const UNKNOWN: Self = Self::NAN;
+
+    fn column(name: &str) -> Column {
+        Column::new(name, "", Type::Float64)
+    }
+
+    fn cell(self) -> Cell {
+        Some(Value::Float64(self))
+    }
+}
+
+impl Metric for Option<f64> {
+    const UNKNOWN: Self = None;
+
+    fn column(name: &str) -> Column {
+        f64::column(name).optional()
+    }
+
+    fn cell(self) -> Cell {
+        self.map(Value::Float64)
+    }
+}
+
+impl Metric for bool {
+    const UNKNOWN: Self = false;
+
+    fn column(name: &str) -> Column {
+        Column::new(name, "", Type::Boolean)
+    }
+
+    fn cell(self) -> Cell {
+        Some(Value::Boolean(self))
+    }
+}
+
+impl Metrics {
+    /// The metrics of a run without samples that counts as diverged at a time (s).
+    pub(super) fn unknown(time: f64) -> Self {
+        Self { diverged: true, diverged_at: Some(time), ..Self::UNKNOWN }
+    }
+}
 
 /// When a loop counts as settled, and when as diverged.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
@@ -21,7 +133,7 @@ pub struct Criteria {
 }
 
 fn band<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    converted(deserializer, |band: f64| {
+    read_checked(deserializer, |band: f64| {
         let is_valid = band >= 0.0 && band.is_finite();
         ensure!(is_valid, "band = {band:?}, expected a finite number of at least 0");
         Ok(band)
@@ -29,7 +141,7 @@ fn band<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
 }
 
 fn limit<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    converted(deserializer, |limit: f64| {
+    read_checked(deserializer, |limit: f64| {
         ensure!(limit > 0.0, "limit = {limit:?}, expected more than 0");
         Ok(limit)
     })
@@ -39,22 +151,6 @@ impl Default for Criteria {
     fn default() -> Self {
         Self { band: 0.003, limit: 1e3 }
     }
-}
-
-/// The signals of a control loop at one time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LoopSample {
-    /// Time in seconds.
-    pub time: f64,
-    /// Reference (set-point).
-    pub r: f64,
-    /// Output of the plant, in the unit of the reference.
-    pub y: f64,
-    /// Error, in the unit of the reference. It is passed in rather than computed, since the
-    /// controller's error includes the disturbance of the measured output.
-    pub e: f64,
-    /// Control.
-    pub u: f64,
 }
 
 /// Accumulates the metrics of a run.
@@ -189,72 +285,6 @@ impl MetricsAccumulator {
 #[inline]
 fn larger(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
-}
-
-/// The metrics of a run, up to its divergence if it diverged.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Metrics {
-    /// Integral of |e|. This and the next two are computed from the first to the last sample by the
-    /// rectangle rule: a sample holds until the next one.
-    pub iae: f64,
-    /// Integral of e².
-    pub ise: f64,
-    /// Integral of |e|, weighted by the time since the first sample in seconds.
-    pub itae: f64,
-    /// The overshoot of y beyond the reference, at least 0:
-    ///
-    /// - If the reference is a step, that is, changes at most once, the maximum excess of y beyond its
-    ///   last value, in the direction of the step, as a fraction of the step's height. The step starts
-    ///   from the reference's first value if it changes, and from the first y if not.
-    /// - If the reference changes more than once, like a sine or square wave, the maximum excess of
-    ///   |y| beyond the reference's maximum absolute value, as a fraction of that value.
-    ///
-    /// `None` if there is no sample or the step has zero height.
-    pub overshoot: Option<f64>,
-    /// The time in seconds, not before the reference's last change, from which on |e| stays within
-    /// [`Criteria::band`] times the absolute value of the reference. `None` if there is no such time,
-    /// the reference still changes at the last sample, or the run diverged.
-    pub settling_time: Option<f64>,
-    /// Maximum |u|; 0 if there is no sample.
-    pub largest_u: f64,
-    /// The error at the last sample; `None` if there is no sample.
-    pub final_e: Option<f64>,
-    /// Whether the simulation failed, a number was not finite, or |e| exceeded [`Criteria::limit`].
-    pub diverged: bool,
-    /// The time of divergence in seconds.
-    pub diverged_at: Option<f64>,
-}
-
-impl Metrics {
-    /// The columns of the metrics.
-    pub fn columns() -> [Column; 9] {
-        Self::default().named().map(|(name, optional, cell)| {
-            let kind = cell.map_or(Type::Float64, |value| value.of_type());
-            Column { optional, ..Column::new(name, "", kind) }
-        })
-    }
-
-    /// The metrics in the order of [`Metrics::columns`].
-    pub fn cells(&self) -> [Cell; 9] {
-        self.named().map(|(.., cell)| cell)
-    }
-
-    /// The metrics with the names of the fields, and whether they may be missing.
-    fn named(&self) -> [(&'static str, bool, Cell); 9] {
-        let number = |name, number| (name, false, Some(Value::Float64(number)));
-        let optional = |name, number: Option<f64>| (name, true, number.map(Value::Float64));
-        [
-            number("iae", self.iae),
-            number("ise", self.ise),
-            number("itae", self.itae),
-            optional("overshoot", self.overshoot),
-            optional("settling_time", self.settling_time),
-            number("largest_u", self.largest_u),
-            optional("final_e", self.final_e),
-            ("diverged", false, Some(Value::Boolean(self.diverged))),
-            optional("diverged_at", self.diverged_at),
-        ]
-    }
 }
 
 #[cfg(test)]

@@ -1,30 +1,32 @@
-//! Parameter sweeps: many runs of one plan. [`Parameters`] has the values of every run, [`MetricsAccumulator`] reduces
-//! each run to a row of numbers, and a [`Journal`] stores the rows so that they survive a kill and writes
-//! them as a table. A [`Study`] does this for a system of FMUs, in worker processes.
+//! Parameter sweeps: many runs of one plan, each of which records a row of metrics.
+//!
+//! A [`Study`] is a sweep file (`file.rs`) applied to its system. In the order of a run: [`Parameters`] has the values of
+//! every run; a worker process (`worker.rs`) simulates the run, reduces its signals (`signals.rs`) to [`Metrics`]
+//! (`metrics.rs`), and makes its row (`row.rs`); the supervisor (`supervisor.rs`, `pool.rs`) stores the rows in a
+//! [`Journal`], so that they survive a kill, and writes them as a table.
 //!
 //! The same sweep produces the same table, byte for byte, for any number of processes and machines, provided
 //! that a simulation is deterministic.
 
-use anyhow::Result;
-use serde::de::Error as _;
-use serde::{Deserialize, Deserializer};
-
+mod file;
 mod journal;
 mod metrics;
+mod parameter;
 mod parameters;
 mod pool;
+mod progress;
+mod row;
+mod signals;
 mod study;
+mod supervisor;
+mod worker;
 
 pub use journal::Journal;
-pub use metrics::{Criteria, LoopSample, Metrics, MetricsAccumulator};
-pub use parameters::{Parameter, Parameters};
+pub use metrics::{Criteria, Metrics, MetricsAccumulator};
+pub use parameter::Parameter;
+pub use parameters::Parameters;
 pub use pool::Workers;
-pub use study::{Outline, Study, SweepProgress};
-
-/// Reads a value and converts it, so that an error names its line.
-fn converted<'de, D: Deserializer<'de>, T: Deserialize<'de>, U>(
-    deserializer: D,
-    convert: impl FnOnce(T) -> Result<U>,
-) -> Result<U, D::Error> {
-    convert(T::deserialize(deserializer)?).map_err(D::Error::custom)
-}
+pub use progress::SweepProgress;
+pub use signals::LoopSample;
+pub use study::Study;
+pub use supervisor::Outline;

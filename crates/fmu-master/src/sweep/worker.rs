@@ -1,0 +1,76 @@
+//! The worker process of a sweep, which simulates runs and makes their rows.
+
+use anyhow::{Context, Result};
+use fmu_worker::{Record, Service};
+use serde::{Deserialize, Serialize};
+
+use super::metrics::MetricsAccumulator;
+use super::row::RunRow;
+use super::study::Study;
+use crate::{Messages, RunError, Simulation};
+
+/// A task of a worker.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+pub(super) enum Task {
+    /// To initialize a run without simulating it.
+    Try(u64),
+    /// To simulate a run.
+    Simulate(u64),
+}
+
+/// The reply of a worker: the row of a run unless it was only tried, or why it cannot be started.
+pub(super) type Reply = Result<Option<RunRow>, String>;
+
+impl Study {
+    /// Does the tasks of the process that has started this worker process, until an FMU must not be called again.
+    ///
+    /// # Errors
+    /// A task is damaged.
+    pub fn work(&self, service: &mut Service) -> Result<()> {
+        while let Some(task) = service.task()? {
+            let record = service.record();
+            let reply = match task {
+                Task::Try(index) => match self.initialize(index, record) {
+                    Err(error) if error.downcast_ref::<RunError>().is_none() => Err(error),
+                    _ => Ok(None),
+                },
+                Task::Simulate(index) => self.simulate(index, record).map(Some),
+            };
+            let is_lost = self.plan.components.iter().any(|component| component.fmu.is_lost());
+            let reply: Reply = reply.map_err(|error| format!("{error:#}"));
+            service.reply(&(reply, is_lost));
+            if is_lost {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn initialize(&self, index: u64, record: &Record) -> Result<Simulation<'_>> {
+        let messages = Messages::of_problems(record.clone());
+        let starts = self.starts(index);
+        let simulation = starts.and_then(|starts| self.plan.simulate(&starts, &messages));
+        simulation.with_context(|| format!("run {index}"))
+    }
+
+    /// Simulates a run. One that an FMU ends early counts as diverged.
+    fn simulate(&self, index: u64, record: &Record) -> Result<RunRow> {
+        let simulation = match self.initialize(index, record) {
+            Ok(simulation) => simulation,
+            // An FMU may refuse some of the values.
+            Err(error) => return self.row_without_samples(index, &error.downcast()?),
+        };
+        let mut metrics = MetricsAccumulator::new(&self.criteria);
+        let (signals, gathered) = (self.signals, &mut metrics);
+        let ended = simulation.run(move |row| gathered.push(signals.sample(row)));
+        // A run that an FMU has ended cannot be compared with others either.
+        let error = match ended {
+            Ok(finished) => finished.ended,
+            Err(error) => Some(error.downcast::<RunError>()?),
+        };
+        if let Some(error) = &error {
+            metrics.diverge(error.time.unwrap_or(self.plan.experiment.start));
+        }
+        RunRow::new(index, &self.parameters, &metrics.finish(), error.as_ref())
+    }
+}
