@@ -49,7 +49,7 @@ Example:\n  cargo fmu new my-controller"
                                        with a binary built elsewhere
   cargo fmu export Pid --name FastPid --set pid.kp=400 --set ts=0.0005
                                        a variant with other start values")]
-    Export(fmu_build::Options),
+    Export(fmu_build::ExportOptions),
     /// Show the variables, capabilities and platforms of FMUs
     #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
     Info(info::InfoArgs),

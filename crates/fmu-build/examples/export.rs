@@ -2,7 +2,7 @@
 //! is built much faster than the command line.
 
 fn main() -> anyhow::Result<()> {
-    let written = fmu_build::export(&fmu_build::Options::default(), &|_| ())?;
+    let written = fmu_build::export(&fmu_build::ExportOptions::default(), &|_| ())?;
     for fmu in written {
         println!("{}", fmu.file.display());
     }

@@ -18,15 +18,15 @@ use wasmparser::{
 use wit_component::{ComponentEncoder, StringEncoding, embed_component_metadata};
 use wit_parser::{Resolve, TypeDefKind, WorldId, WorldItem};
 
-use crate::export::Draft;
+use crate::toolchain::WasmDraft;
 
 /// The interface; a test runs it in other vendors' hosts.
 const INTERFACE: &str = include_str!("component.wit");
-/// What an instance gets at [`Draft::WithPath`] alone.
+/// What an instance gets at [`WasmDraft::WithPath`] alone.
 const PATH: &str = " resource-path: string,";
 /// Suffix of the exports of a library that take no `resource-path`.
 const WITHOUT_PATH: &str = "_without_path";
-/// What a library imports that reads resources, which [`Draft::WithPath`] does not have.
+/// What a library imports that reads resources, which [`WasmDraft::WithPath`] does not have.
 const READS: &str = "fmi:fmi3/resource-dir-callbacks@3.0.0";
 /// Prefix of the names that the encoder gives to the imports of nested components.
 const INNER: &str = "import-";
@@ -35,17 +35,17 @@ const INNER: &str = "import-";
 ///
 /// # Errors
 /// The module does not have the functions of the interface, or reads resources, which the draft does not provide.
-pub fn encode(mut module: Vec<u8>, models: &[ExportedModel], draft: Draft) -> Result<Vec<u8>> {
+pub fn encode(mut module: Vec<u8>, models: &[ExportedModel], draft: WasmDraft) -> Result<Vec<u8>> {
     let mut resolve = Resolve::default();
     let interface = match draft {
-        Draft::WithPath => {
+        WasmDraft::WithPath => {
             ensure!(
                 !module.windows(READS.len()).any(|name| name == READS.as_bytes()),
                 "a model reads a resource, for which commit c1aac17 of the draft has no function; export it with `--wasm-draft 77277f4`"
             );
             INTERFACE.to_owned()
         }
-        Draft::WithFunction => INTERFACE.replace(PATH, ""),
+        WasmDraft::WithFunction => INTERFACE.replace(PATH, ""),
     };
     let package = resolve.push_str("component.wit", &interface)?;
     let world = match models.iter().any(ExportedModel::is_for_model_exchange) {
@@ -96,7 +96,7 @@ fn names(resolve: &Resolve, world: WorldId) -> BTreeMap<String, String> {
 /// out zeros, which memory has from the start.
 struct Named<'a> {
     names: &'a BTreeMap<String, String>,
-    draft: Draft,
+    draft: WasmDraft,
 }
 
 impl Reencode for Named<'_> {
@@ -112,7 +112,7 @@ impl Reencode for Named<'_> {
             "memory" | "cabi_realloc" | "fmu_export_arguments" | "fmu_export_cycle"
         );
         let performs = |operation: &str| match self.draft {
-            Draft::WithFunction if operation.starts_with("instantiate_") => {
+            WasmDraft::WithFunction if operation.starts_with("instantiate_") => {
                 export.name.strip_suffix(WITHOUT_PATH) == Some(operation)
             }
             _ => export.name == operation,

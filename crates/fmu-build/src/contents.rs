@@ -10,8 +10,8 @@ use cargo_metadata::Metadata;
 use fmu_description::{FmiVersion, ModelDescription, xml};
 use fmu_file::archive::{DOCUMENTATION, ICON, ICON_3, TERMINALS};
 
-use crate::library::{File, Library, read};
-use crate::model::Model;
+use crate::library::{ModelLibrary, NamedFile, read};
+use crate::model::BuiltModel;
 use crate::page;
 
 /// An HTML fragment in the folder of a model, the middle of the page. `<!-- include FILE -->` is replaced by
@@ -29,7 +29,7 @@ const RESERVED: [&str; 2] = ["index.html", "licenses"];
 ///
 /// # Errors
 /// A file of the model cannot be used.
-pub fn files(model: &Model<'_>, metadata: &Metadata) -> Result<Vec<File>> {
+pub fn files(model: &BuiltModel<'_>, metadata: &Metadata) -> Result<Vec<NamedFile>> {
     let folder = &model.library.folder;
     let is_fmi_3 = model.version == FmiVersion::Fmi3;
     let documentation = Documentation::read(&folder.join("documentation").join(&model.base))
@@ -48,8 +48,9 @@ pub fn files(model: &Model<'_>, metadata: &Metadata) -> Result<Vec<File>> {
         icon.as_ref().map(|_| icon_path),
         &licenses,
     );
-    let below =
-        |folder: &'static str| move |(name, content): File| (format!("{folder}/{name}"), content);
+    let below = |folder: &'static str| {
+        move |(name, content): NamedFile| (format!("{folder}/{name}"), content)
+    };
     let mut files = vec![(DOCUMENTATION.to_owned(), page.into_bytes())];
     files.extend(documentation.others.into_iter().map(below("documentation")));
     files.extend(licenses.into_iter().map(below("documentation")));
@@ -69,7 +70,7 @@ struct Documentation {
     about: Option<String>,
     icon: Option<Vec<u8>>,
     /// All other files with their paths in the folder.
-    others: Vec<File>,
+    others: Vec<NamedFile>,
 }
 
 impl Documentation {
@@ -127,7 +128,7 @@ fn text(name: &str, content: Vec<u8>) -> Result<String> {
 
 /// The licence files of a package, else those in the root of its workspace, with their paths in the
 /// documentation.
-fn licenses(library: &Library, metadata: &Metadata) -> Result<Vec<File>> {
+fn licenses(library: &ModelLibrary, metadata: &Metadata) -> Result<Vec<NamedFile>> {
     let mut found = licenses_in(&library.folder)?;
     if let Some(file) = &library.license_file {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
@@ -142,7 +143,7 @@ fn licenses(library: &Library, metadata: &Metadata) -> Result<Vec<File>> {
     Ok(found)
 }
 
-fn licenses_in(folder: &Path) -> Result<Vec<File>> {
+fn licenses_in(folder: &Path) -> Result<Vec<NamedFile>> {
     let mut found = Vec::new();
     let cannot = || format!("cannot read {}", folder.display());
     for entry in fs::read_dir(folder).with_context(cannot)? {
@@ -160,7 +161,7 @@ fn licenses_in(folder: &Path) -> Result<Vec<File>> {
 
 /// Adds the file that FMI 3.0 demands as the first to be read (section 2.5.1.1.1), unless there are no
 /// licence files or one of them has its name; `license` is the SPDX expression.
-fn add_entry_point(found: &mut Vec<File>, license: Option<&str>) {
+fn add_entry_point(found: &mut Vec<NamedFile>, license: Option<&str>) {
     const NAMES: [&str; 3] = ["license.txt", "license.html", "license.spdx"];
     let names = found.iter().filter_map(|(path, _)| path.rsplit('/').next());
     let names: Vec<_> = names.map(str::to_owned).collect();

@@ -1,4 +1,4 @@
-//! Builds the models of a workspace, and writes their FMUs.
+//! The export: builds the models of a workspace for the requested platforms, and writes their FMUs.
 
 use std::fs::{self, File};
 use std::panic;
@@ -8,8 +8,8 @@ use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
+use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, ValueEnum};
 use fmu_description::{ExportedModel, FmiVersion, read_interfaces};
 use fmu_file::archive::{self, MODEL_DESCRIPTION, Packed};
 #[cfg(not(feature = "wasm"))]
@@ -17,15 +17,17 @@ use fmu_file::platform::TARGET_WASM;
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
+use crate::binary::{Binary, BinarySource, check_functions, drop_replaced};
 use crate::cargo::{self, Progress, profile_settings, remap};
 use crate::contents;
-use crate::library::{Library, Selection};
-use crate::model::{self, Model, Variant};
-use crate::toolchain::{self, Recipe, Target, macho};
+use crate::library::{ModelLibrary, Selection};
+use crate::model::{self, BuiltModel, Variant};
+use crate::toolchain::{self, Recipe, Target, WasmDraft};
+use crate::universal::join_mach_o;
 
 /// What to export, and for which platforms; the options of `cargo fmu export`.
 #[derive(Debug, Default, Args)]
-pub struct Options {
+pub struct ExportOptions {
     /// Models to export [default: all]
     #[arg(value_name = "MODEL")]
     pub models: Vec<String>,
@@ -52,25 +54,13 @@ pub struct Options {
     /// Commit of the draft for WebAssembly components: c1aac17, or the later 77277f4, with which they can read
     /// resources
     #[arg(long, value_name = "COMMIT", value_enum, default_value_t, hide_possible_values = true)]
-    pub wasm_draft: Draft,
+    pub wasm_draft: WasmDraft,
     /// Add a shared library built elsewhere, for linux64, win64, ...
     #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     pub binaries: Vec<Prebuilt>,
     /// Which packages to build, and how.
     #[command(flatten)]
     pub selection: Selection,
-}
-
-/// How a WebAssembly component gets resources: the draft FMI-LS-WASM at one of its commits.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub enum Draft {
-    /// By a path, although a component cannot open files.
-    #[default]
-    #[value(name = "c1aac17")]
-    WithPath,
-    /// By a function of the host.
-    #[value(name = "77277f4")]
-    WithFunction,
 }
 
 fn version() -> impl TypedValueParser<Value = FmiVersion> {
@@ -80,7 +70,7 @@ fn version() -> impl TypedValueParser<Value = FmiVersion> {
 
 /// An FMU that was written.
 #[derive(Debug)]
-pub struct Written {
+pub struct ExportedFmu {
     /// Path of the FMU.
     pub file: PathBuf,
     /// Its size in bytes.
@@ -94,7 +84,10 @@ pub struct Written {
 /// # Errors
 /// There is no model, or none with a given name; a target is not supported; the build fails; a file
 /// cannot be read or written.
-pub fn export(options: &Options, progress: &dyn Fn(Progress<'_>)) -> Result<Vec<Written>> {
+pub fn export(
+    options: &ExportOptions,
+    progress: &dyn Fn(Progress<'_>),
+) -> Result<Vec<ExportedFmu>> {
     let metadata = options.selection.metadata()?;
     let out = match &options.out {
         Some(out) => out.clone(),
@@ -135,9 +128,9 @@ pub fn export(options: &Options, progress: &dyn Fn(Progress<'_>)) -> Result<Vec<
     // No FMU is written before all are complete.
     let mut fmus = Vec::new();
     for builder in &builders {
-        fmus.extend(builder.fmus(&libraries)?);
+        fmus.extend(builder.build_fmus(&libraries)?);
     }
-    let write = |(fmu, content): (Written, Vec<u8>)| {
+    let write = |(fmu, content): (ExportedFmu, Vec<u8>)| {
         replace::write(&fmu.file, &content)?;
         Ok(fmu)
     };
@@ -146,7 +139,7 @@ pub fn export(options: &Options, progress: &dyn Fn(Progress<'_>)) -> Result<Vec<
 
 /// Builds FMUs of one version of FMI.
 struct Builder<'a> {
-    options: &'a Options,
+    options: &'a ExportOptions,
     metadata: &'a Metadata,
     /// The output folder.
     out: &'a Path,
@@ -159,22 +152,6 @@ struct Builder<'a> {
     progress: &'a dyn Fn(Progress<'_>),
 }
 
-/// A shared library for one or more platforms.
-struct Binary<'a> {
-    /// What it was built from, or its file if it was built before.
-    source: Source<'a>,
-    platforms: Vec<Platform>,
-    bytes: Vec<u8>,
-    /// The models in it.
-    models: Vec<ExportedModel>,
-}
-
-#[derive(Clone, Copy)]
-enum Source<'a> {
-    Library(&'a Library),
-    File(&'a Path),
-}
-
 /// The folder of the draft of a layered standard that says what WebAssembly FMUs are.
 const EXTRA_WASM: &str = "extra/org.modelica.fmi-ls-wasm";
 const MANIFEST: &str = include_str!("manifest.xml");
@@ -185,9 +162,9 @@ const NO_SLP: &str = "-Cno-vectorize-slp";
 
 impl<'a> Builder<'a> {
     /// Builds the requested models and packs their FMUs.
-    fn fmus(&self, libraries: &'a [Library]) -> Result<Vec<(Written, Vec<u8>)>> {
+    fn build_fmus(&self, libraries: &'a [ModelLibrary]) -> Result<Vec<(ExportedFmu, Vec<u8>)>> {
         let mut built = self.build(libraries)?;
-        let mut models = self.choose(&built)?;
+        let mut models = self.requested_models(&built)?;
         if self.options.variant.is_some() {
             (built, models) = self.build_variant(&models, &built)?;
         }
@@ -219,11 +196,11 @@ impl<'a> Builder<'a> {
             });
             packed.collect::<Result<Vec<_>>>()
         })?;
-        models.iter().map(|model| self.fmu(model, &packed)).collect()
+        models.iter().map(|model| self.pack(model, &packed)).collect()
     }
 
     /// Builds libraries until all requested models are found; all libraries, if none is named.
-    fn build(&self, libraries: &'a [Library]) -> Result<Vec<Binary<'a>>> {
+    fn build(&self, libraries: &'a [ModelLibrary]) -> Result<Vec<Binary<'a>>> {
         let names = &self.options.models;
         let mut order: Vec<_> = libraries.iter().collect();
         if !names.is_empty() {
@@ -243,7 +220,7 @@ impl<'a> Builder<'a> {
     /// Builds the binaries of a library for all targets; `variant` is the text of a [`Variant`].
     fn build_library(
         &self,
-        library: &'a Library,
+        library: &'a ModelLibrary,
         variant: Option<&str>,
     ) -> Result<Vec<Binary<'a>>> {
         let unusable = || format!("the library of {} cannot be used", library.package);
@@ -252,14 +229,18 @@ impl<'a> Builder<'a> {
             .map(|target| {
                 let recipes = target.recipes.iter();
                 let extension = target.platforms[0].extension;
-                let parts = recipes.map(|recipe| self.run(library, recipe, extension, variant));
+                let parts = recipes.map(|recipe| self.build_part(library, recipe, extension, variant));
                 let mut parts = parts.collect::<Result<Vec<_>>>()?;
                 let bytes = match parts.len() {
                     1 => parts.remove(0),
-                    _ => macho(&parts).context("cannot join the parts of a universal binary")?,
+                    _ => join_mach_o(&parts).context("cannot join the parts of a universal binary")?,
                 };
                 let models = read_interfaces(&bytes).with_context(unusable)?;
-                let bytes = if target.platforms[0].is_wasm() { component(bytes, &models, self.options.wasm_draft).with_context(unusable)? } else { bytes };
+                let bytes = match target.platforms[0].is_wasm() {
+                    true => encode_component(bytes, &models, self.options.wasm_draft)
+                        .with_context(unusable)?,
+                    false => bytes,
+                };
                 ensure!(
                     !models.is_empty(),
                     "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
@@ -268,7 +249,7 @@ impl<'a> Builder<'a> {
                 );
                 check_functions(&bytes, self.version).with_context(unusable)?;
                 Ok(Binary {
-                    source: Source::Library(library),
+                    source: BinarySource::Library(library),
                     platforms: target.platforms.clone(),
                     bytes,
                     models,
@@ -278,9 +259,9 @@ impl<'a> Builder<'a> {
     }
 
     /// Builds a library with one recipe, and reads it.
-    fn run(
+    fn build_part(
         &self,
-        library: &Library,
+        library: &ModelLibrary,
         recipe: &Recipe,
         extension: &str,
         variant: Option<&str>,
@@ -314,10 +295,10 @@ impl<'a> Builder<'a> {
     }
 
     /// The models with the requested names, or all.
-    fn choose(&self, built: &[Binary<'a>]) -> Result<Vec<Model<'a>>> {
-        let mut all: Vec<(&Library, &ExportedModel)> = Vec::new();
+    fn requested_models(&self, built: &[Binary<'a>]) -> Result<Vec<BuiltModel<'a>>> {
+        let mut all: Vec<(&ModelLibrary, &ExportedModel)> = Vec::new();
         for binary in built {
-            let Source::Library(library) = binary.source else { continue };
+            let BinarySource::Library(library) = binary.source else { continue };
             // The binary for another target has the same models.
             if all.last().is_some_and(|(last, _)| ptr::eq(*last, library)) {
                 continue;
@@ -343,16 +324,16 @@ impl<'a> Builder<'a> {
         }
         all.into_iter()
             .filter(|(_, model)| names.is_empty() || names.contains(&model.name))
-            .map(|(library, model)| Model::new(library, model.clone(), self.version))
+            .map(|(library, model)| BuiltModel::new(library, model.clone(), self.version))
             .collect()
     }
 
     /// Builds a variant of the only model.
     fn build_variant(
         &self,
-        models: &[Model<'a>],
+        models: &[BuiltModel<'a>],
         built: &[Binary<'_>],
-    ) -> Result<(Vec<Binary<'a>>, Vec<Model<'a>>)> {
+    ) -> Result<(Vec<Binary<'a>>, Vec<BuiltModel<'a>>)> {
         let variant = &self.options.variant;
         let [model] = models else {
             bail!("--name and --set need one model, but {} are exported", models.len());
@@ -367,19 +348,19 @@ impl<'a> Builder<'a> {
         let built = self.build_library(model.library, Some(&text))?;
         let description = built.iter().find_map(|binary| binary.model(name));
         let description = description.context("the variant was not built")?;
-        let variant = Model {
+        let variant = BuiltModel {
             base: model.name().to_owned(),
-            ..Model::new(model.library, description.clone(), self.version)?
+            ..BuiltModel::new(model.library, description.clone(), self.version)?
         };
         Ok((built, vec![variant]))
     }
 
     /// Packs the FMU of a model.
-    fn fmu(
+    fn pack(
         &self,
-        model: &Model<'_>,
+        model: &BuiltModel<'_>,
         packed: &[(&Binary<'_>, Packed)],
-    ) -> Result<(Written, Vec<u8>)> {
+    ) -> Result<(ExportedFmu, Vec<u8>)> {
         let xml = Packed::text(model.xml.as_bytes())?;
         let contents = contents::files(model, self.metadata)?;
         let contents = contents
@@ -401,74 +382,17 @@ impl<'a> Builder<'a> {
         entries.extend(contents.iter().map(|(path, file)| (path.clone(), file)));
         let name = model.file_name();
         let content = archive::zip(&entries).with_context(|| format!("cannot pack {name}"))?;
-        let fmu = Written { file: self.out.join(name), size: content.len() as u64, platforms };
+        let fmu = ExportedFmu { file: self.out.join(name), size: content.len() as u64, platforms };
         Ok((fmu, content))
     }
 }
 
-impl<'a> Binary<'a> {
-    /// Reads a prebuilt binary.
-    fn read(prebuilt: &'a Prebuilt, version: FmiVersion) -> Result<Self> {
-        let file = prebuilt.file.display();
-        let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
-        let models = prebuilt
-            .platform
-            .check(&bytes)
-            .and_then(|()| check_functions(&bytes, version))
-            .and_then(|()| read_interfaces(&bytes))
-            .with_context(|| format!("{file} cannot be used"))?;
-        Ok(Self {
-            source: Source::File(&prebuilt.file),
-            platforms: vec![prebuilt.platform],
-            bytes,
-            models,
-        })
-    }
-
-    /// The model with the given name.
-    fn model(&self, name: &str) -> Option<&ExportedModel> {
-        self.models.iter().find(|model| model.name == name)
-    }
-
-    /// Whether it is for the FMU of a model: it was built from its library, or before.
-    fn may_have(&self, model: &Model<'_>) -> bool {
-        match self.source {
-            Source::Library(library) => ptr::eq(library, model.library),
-            Source::File(_) => true,
-        }
-    }
-
-    /// Checks that a binary for a model contains it in the same version.
-    fn check_model(&self, model: &Model<'_>) -> Result<()> {
-        let ExportedModel { name, guid, .. } = &model.description;
-        if !self.may_have(model) || self.models.iter().any(|known| known.guid == *guid) {
-            return Ok(());
-        }
-        let reason = format!(
-            "it does not contain the model {name} with the GUID {guid}; was it built from another version?"
-        );
-        match self.source {
-            Source::Library(_) => bail!(reason),
-            Source::File(file) => bail!("{} cannot be used: {reason}", file.display()),
-        }
-    }
-}
-
-/// Leaves the platforms of prebuilt binaries to them.
-fn drop_replaced(built: &mut Vec<Binary<'_>>, prebuilt: &[Binary<'_>]) {
-    let taken = Vec::from_iter(prebuilt.iter().flat_map(|binary| &binary.platforms));
-    built.retain_mut(|binary| {
-        binary.platforms.retain(|platform| !taken.contains(&platform));
-        !binary.platforms.is_empty()
-    });
-}
-
 #[cfg(feature = "wasm")]
-use crate::component::encode as component;
+use crate::component::encode as encode_component;
 
 /// Stands in for the encoder in builds without the feature `wasm`.
 #[cfg(not(feature = "wasm"))]
-fn component(_: Vec<u8>, _: &[ExportedModel], _: Draft) -> Result<Vec<u8>> {
+fn encode_component(_: Vec<u8>, _: &[ExportedModel], _: WasmDraft) -> Result<Vec<u8>> {
     bail!("this program was built without its feature `wasm`, which the target {TARGET_WASM} needs")
 }
 
@@ -482,23 +406,8 @@ fn lock(target: &Path) -> Result<File> {
     Ok(file)
 }
 
-/// Checks that a binary has the names of the functions of a version of FMI.
-fn check_functions(binary: &[u8], version: FmiVersion) -> Result<()> {
-    let name: &[u8] = match version {
-        FmiVersion::Fmi2 => b"fmi2DoStep",
-        FmiVersion::Fmi3 => b"fmi3DoStep",
-    };
-    let mut names = binary.windows(name.len());
-    ensure!(
-        names.any(|bytes| bytes == name),
-        "it does not export the functions of FMI {}",
-        version.as_str()
-    );
-    Ok(())
-}
-
 /// The targets to build for: the requested ones, else this machine.
-fn targets(options: &Options, version: FmiVersion) -> Result<Vec<Target>> {
+fn targets(options: &ExportOptions, version: FmiVersion) -> Result<Vec<Target>> {
     let mut names = options.targets.clone();
     if options.portable {
         names.insert(0, toolchain::portable()?);
@@ -512,7 +421,7 @@ fn targets(options: &Options, version: FmiVersion) -> Result<Vec<Target>> {
 }
 
 /// The prebuilt binaries in the folders of a version of FMI.
-fn prebuilt(options: &Options, version: FmiVersion) -> Result<Vec<Binary<'_>>> {
+fn prebuilt(options: &ExportOptions, version: FmiVersion) -> Result<Vec<Binary<'_>>> {
     let binaries = options.binaries.iter();
     binaries
         .filter(|prebuilt| prebuilt.platform.is_of(version))
@@ -521,7 +430,7 @@ fn prebuilt(options: &Options, version: FmiVersion) -> Result<Vec<Binary<'_>>> {
 }
 
 /// Checks that each prebuilt binary is for a platform of one of the versions of FMI.
-fn check_versions(options: &Options, versions: &[FmiVersion]) -> Result<()> {
+fn check_versions(options: &ExportOptions, versions: &[FmiVersion]) -> Result<()> {
     for Prebuilt { platform, file } in &options.binaries {
         if !versions.iter().any(|version| platform.is_of(*version)) {
             for version in versions {
@@ -535,7 +444,7 @@ fn check_versions(options: &Options, versions: &[FmiVersion]) -> Result<()> {
 }
 
 /// Checks that no two binaries, prebuilt or built, are for the same platform.
-fn check_platforms(options: &Options, names: &[String], version: FmiVersion) -> Result<()> {
+fn check_platforms(options: &ExportOptions, names: &[String], version: FmiVersion) -> Result<()> {
     let mut platforms: Vec<Platform> = options.binaries.iter().map(|b| b.platform).collect();
     for name in names {
         platforms.extend(Platform::of_target(name, version)?);
@@ -549,25 +458,4 @@ fn check_platforms(options: &Options, names: &[String], version: FmiVersion) -> 
         );
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_prebuilt_binary_replaces_another_in_its_folder_only() {
-        let arm = Platform::of_target("aarch64-apple-darwin", FmiVersion::Fmi2).unwrap();
-        let binary = |platforms: &[Platform]| Binary {
-            source: Source::File(Path::new("")),
-            platforms: platforms.to_vec(),
-            bytes: Vec::new(),
-            models: Vec::new(),
-        };
-        for (prebuilt, expected) in [(&arm[..1], &[&arm[1..]][..]), (&arm, &[])] {
-            let mut built = vec![binary(&arm)];
-            drop_replaced(&mut built, &[binary(prebuilt)]);
-            assert_eq!(Vec::from_iter(built.iter().map(|b| &*b.platforms)), expected);
-        }
-    }
 }

@@ -3,6 +3,7 @@
 //! archives.
 #![forbid(unsafe_code)]
 
+mod binary;
 mod cargo;
 #[cfg(feature = "wasm")]
 mod component;
@@ -14,10 +15,11 @@ mod model;
 mod page;
 pub mod table;
 mod toolchain;
+mod universal;
 
 pub use fmu_description::FmiVersion;
 
 pub use cargo::Progress;
-pub use export::{Options, Written, export};
+pub use export::{ExportOptions, ExportedFmu, export};
 pub use library::Selection;
 pub use model::Variant;

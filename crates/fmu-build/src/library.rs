@@ -37,7 +37,7 @@ pub struct Selection {
 
 /// A package with a `cdylib` of models.
 #[derive(Debug)]
-pub struct Library {
+pub struct ModelLibrary {
     /// Name of the package.
     pub package: String,
     /// Name of its library target.
@@ -96,7 +96,7 @@ impl Selection {
     ///
     /// # Errors
     /// A given package cannot have models, or no package has. The message says what to write.
-    pub fn libraries(&self, metadata: &Metadata) -> Result<Vec<Library>> {
+    pub fn libraries(&self, metadata: &Metadata) -> Result<Vec<ModelLibrary>> {
         let members = metadata.workspace_packages();
         if !self.packages.is_empty() {
             return self
@@ -135,7 +135,7 @@ impl Selection {
     }
 }
 
-fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
+fn library(package: &Package, metadata: &Metadata) -> Result<ModelLibrary> {
     ensure!(
         uses_fmu_export(package),
         "the package {} does not depend on {FMU_EXPORT}; write in {}:\n\n{}",
@@ -148,7 +148,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
     let folder = package.manifest_path.parent();
     let declared = package.dependencies.iter().find(|d| d.name == FMU_EXPORT);
     let renamed = declared.and_then(|dependency| dependency.rename.clone());
-    Ok(Library {
+    Ok(ModelLibrary {
         package: package.name.to_string(),
         target: target.name.clone(),
         folder: folder.context("a manifest has a folder")?.into(),
@@ -223,7 +223,7 @@ fn origin(package: &Package) -> Origin {
     }
 }
 
-impl Library {
+impl ModelLibrary {
     /// The feature for a library with the functions of one version of FMI only.
     pub fn feature(&self, version: FmiVersion) -> String {
         let feature = match version {
@@ -236,7 +236,7 @@ impl Library {
     /// Whether a source file mentions one of the names as a word: a library that does is likely to have
     /// the model.
     pub fn mentions(&self, names: &[String]) -> bool {
-        let is_named = |(file, content): &File| {
+        let is_named = |(file, content): &NamedFile| {
             let text = String::from_utf8_lossy(content);
             let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
             file.ends_with(".rs") && words.any(|word| names.iter().any(|name| name == word))
@@ -247,10 +247,10 @@ impl Library {
 }
 
 /// A file: its path in a folder or in an FMU, and its content.
-pub type File = (String, Vec<u8>);
+pub type NamedFile = (String, Vec<u8>);
 
 /// All files below a folder except hidden ones, sorted by their names; none if there is no such folder.
-pub fn read(folder: &Path) -> Result<Vec<File>> {
+pub fn read(folder: &Path) -> Result<Vec<NamedFile>> {
     let mut files = Vec::new();
     if fs::symlink_metadata(folder).is_ok() {
         add(folder, "", &mut files)?;
@@ -260,7 +260,7 @@ pub fn read(folder: &Path) -> Result<Vec<File>> {
 }
 
 /// Adds all files below a folder; `prefix` is added to their names.
-fn add(folder: &Path, prefix: &str, files: &mut Vec<File>) -> Result<()> {
+fn add(folder: &Path, prefix: &str, files: &mut Vec<NamedFile>) -> Result<()> {
     let cannot = || format!("cannot read {}", folder.display());
     for entry in fs::read_dir(folder).with_context(cannot)? {
         let entry = entry.with_context(cannot)?;

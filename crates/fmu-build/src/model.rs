@@ -6,12 +6,12 @@ use fmu_description::{
     Causality, ExportedModel, FmiVersion, ModelDescription, Value, Variable, interface, words,
 };
 
-use crate::library::Library;
+use crate::library::ModelLibrary;
 
 /// A model with its description.
-pub struct Model<'a> {
+pub struct BuiltModel<'a> {
     /// Its library.
-    pub library: &'a Library,
+    pub library: &'a ModelLibrary,
     /// Its interface.
     pub description: ExportedModel,
     /// The name of the model that it is a variant of, or its own.
@@ -24,13 +24,13 @@ pub struct Model<'a> {
     pub warnings: Vec<String>,
 }
 
-impl<'a> Model<'a> {
+impl<'a> BuiltModel<'a> {
     /// A model that was found in the binary of a library.
     ///
     /// # Errors
     /// Its description cannot be written as XML.
     pub fn new(
-        library: &'a Library,
+        library: &'a ModelLibrary,
         description: ExportedModel,
         version: FmiVersion,
     ) -> Result<Self> {

@@ -3,7 +3,7 @@
 use fmu_description::xml::{Element, escape};
 use fmu_description::{Causality, DeclaredType, EnumerationItem, ModelDescription};
 
-use crate::library::File;
+use crate::library::NamedFile;
 use crate::table;
 
 /// The style, which each FMU contains, without comments. Chromium shrinks accents like scripts, so that the dots of
@@ -17,7 +17,7 @@ pub fn html(
     file: &str,
     about: Option<&str>,
     icon: Option<&str>,
-    licenses: &[File],
+    licenses: &[NamedFile],
 ) -> String {
     let name = escape(model.name());
     let what = escaped(model.root, "description");
@@ -38,7 +38,7 @@ pub fn html(
             "<body>\n<header>\n{icon}<h1>{name}</h1>\n<p>{what}{version}</p>\n</header>\n<main>\n"
         ),
         about.unwrap_or_default().trim_end(),
-        &use_of(model, file),
+        &usage(model, file),
         &variables(model),
         &capabilities(model),
         &identity(model.root, licenses),
@@ -48,7 +48,7 @@ pub fn html(
 }
 
 /// General instructions for using the FMU.
-fn use_of(model: &ModelDescription<'_>, file: &str) -> String {
+fn usage(model: &ModelDescription<'_>, file: &str) -> String {
     let named = |causality| -> String {
         let names: Vec<_> = model
             .variables()
@@ -156,7 +156,7 @@ fn capabilities(model: &ModelDescription<'_>) -> String {
 }
 
 /// Where the FMU comes from.
-fn identity(root: &Element<'_>, licenses: &[File]) -> String {
+fn identity(root: &Element<'_>, licenses: &[NamedFile]) -> String {
     let links: Vec<_> = licenses
         .iter()
         .map(|(path, _)| {

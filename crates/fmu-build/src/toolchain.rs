@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
+use clap::ValueEnum;
 use fmu_description::FmiVersion;
 use fmu_file::platform::{Platform, TARGET_WASM, UNIVERSAL};
 
@@ -22,6 +23,18 @@ const WASM: &str = "wasm32-unknown-unknown";
 const WASM_LD: &str = "wasm-ld";
 /// The first macOS for ARM.
 const MACOS: &str = "11.0";
+
+/// How a WebAssembly component gets resources: the draft FMI-LS-WASM at one of its commits.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum WasmDraft {
+    /// By a path, although a component cannot open files.
+    #[default]
+    #[value(name = "c1aac17")]
+    WithPath,
+    /// By a function of the host.
+    #[value(name = "77277f4")]
+    WithFunction,
+}
 
 /// A build target, for one or more platforms of an FMU.
 pub struct Target {
@@ -74,14 +87,14 @@ impl Target {
         };
         Ok(Self {
             platforms: Platform::of_target(name, version)?,
-            recipes: parts.into_iter().map(Recipe::to).collect::<Result<_>>()?,
+            recipes: parts.into_iter().map(Recipe::new).collect::<Result<_>>()?,
         })
     }
 }
 
 impl Recipe {
     /// The recipe for a target, if this machine can build for it.
-    fn to(target: &str) -> Result<Self> {
+    fn new(target: &str) -> Result<Self> {
         let (triple, glibc) = match target.split_once('.') {
             Some((triple, version)) => (triple, Some(version)),
             None => (target, None),
@@ -335,41 +348,6 @@ fn runs(program: impl AsRef<OsStr>) -> bool {
     found.is_ok_and(|output| output.status.success())
 }
 
-/// The magic number of a universal binary, whose header is big-endian.
-const FAT: u32 = 0xcafe_babe;
-/// The first bytes of a 64-bit Mach-O file, which is little-endian.
-const MACH_O: [u8; 4] = 0xfeed_facf_u32.to_le_bytes();
-/// The alignment of each file as a power of two: the largest page size of any processor.
-const ALIGNMENT: u32 = 14;
-
-/// Joins Mach-O files, each for another processor, to a universal binary for macOS: a header followed by the
-/// files.
-///
-/// # Errors
-/// A file is not a 64-bit Mach-O file, or the total size exceeds 4 GB.
-pub fn macho(files: &[Vec<u8>]) -> Result<Vec<u8>> {
-    let mut header = vec![FAT, u32::try_from(files.len())?];
-    let align = |length: usize| length.next_multiple_of(1 << ALIGNMENT);
-    let mut end = 0;
-    let mut joined = Vec::new();
-    for file in files {
-        let number = |at: usize| Some(u32::from_le_bytes(file.get(at..at + 4)?.try_into().ok()?));
-        ensure!(file.starts_with(&MACH_O), "it is not a 64-bit Mach-O file");
-        let (processor, model) = number(4).zip(number(8)).context("it is truncated")?;
-        // The header is far smaller than the space before the first file.
-        let start = align(end.max(1));
-        end = start + file.len();
-        let (offset, size) = (u32::try_from(start)?, u32::try_from(file.len())?);
-        header.extend([processor, model, offset, size, ALIGNMENT]);
-        joined.resize(start, 0);
-        joined.extend_from_slice(file);
-    }
-    for (number, bytes) in header.iter().zip(joined.chunks_exact_mut(4)) {
-        bytes.copy_from_slice(&number.to_be_bytes());
-    }
-    Ok(joined)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -397,47 +375,14 @@ mod tests {
     #[test]
     fn this_machine_can_build_for_itself() {
         let host = host().unwrap();
-        let recipe = Recipe::to(&host).unwrap();
+        let recipe = Recipe::new(&host).unwrap();
         assert!(!recipe.std_from_source && !recipe.by_zig);
         assert!(recipe.to_string().starts_with(&format!("{host}: rustc 1.")), "{recipe}");
     }
 
     #[test]
     fn unknown_targets_are_named_in_the_error() {
-        let error = Recipe::to("x86_64-nonsense-linux-gnu").err().unwrap().to_string();
+        let error = Recipe::new("x86_64-nonsense-linux-gnu").err().unwrap().to_string();
         assert!(error.contains("x86_64-nonsense-linux-gnu"), "{error}");
-    }
-
-    /// A file for a processor, with only the start of its header.
-    fn file(processor: u32, length: usize) -> Vec<u8> {
-        let mut bytes = MACH_O.to_vec();
-        bytes.extend(processor.to_le_bytes());
-        bytes.extend(3_u32.to_le_bytes());
-        bytes.resize(length, 7);
-        bytes
-    }
-
-    #[test]
-    fn each_file_is_at_its_offset_in_the_header() {
-        let files = [file(0x0100_0007, 20_000), file(0x0100_000c, 99)];
-        let joined = macho(&files).unwrap();
-        let number = |at: usize| u32::from_be_bytes(joined[at..at + 4].try_into().unwrap());
-        assert_eq!([number(0), number(4)], [0xcafe_babe, 2]);
-        for (index, (file, processor)) in files.iter().zip([0x0100_0007, 0x0100_000c]).enumerate() {
-            let [cpu, model, offset, size, align] =
-                [0, 4, 8, 12, 16].map(|field| number(8 + 20 * index + field));
-            assert_eq!([cpu, model, align], [processor, 3, 14]);
-            assert_eq!(offset % (1 << 14), 0);
-            let range = offset as usize..(offset + size) as usize;
-            assert_eq!(&joined[range], file);
-        }
-        assert_eq!(joined.len(), 3 * (1 << 14) + 99);
-    }
-
-    #[test]
-    fn other_file_formats_are_rejected() {
-        for bytes in [&b"\x7fELF"[..], &MACH_O, b""] {
-            assert!(macho(&[bytes.to_vec()]).is_err());
-        }
     }
 }

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use fmu_build::{Options, Selection};
+use fmu_build::{ExportOptions, Selection};
 use fmu_master::{Description, Literal, Messages, Plan};
 use pendulum_control::Target;
 use pendulum_control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
@@ -17,7 +17,7 @@ static ROOT: LazyLock<PathBuf> = LazyLock::new(|| {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let selection =
         Selection { manifest_path: Some(root.join("Cargo.toml")), ..Selection::default() };
-    let options = Options { selection, ..Options::default() };
+    let options = ExportOptions { selection, ..ExportOptions::default() };
     fmu_build::export(&options, &|_| ()).unwrap();
     root
 });

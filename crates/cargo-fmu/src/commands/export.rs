@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Result;
-use fmu_build::{Options, Progress, Written};
+use fmu_build::{ExportOptions, ExportedFmu, Progress};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::ui;
@@ -14,7 +14,7 @@ use crate::ui;
 ///
 /// # Errors
 /// See [`fmu_build::export`].
-pub fn run(options: &Options, out: &mut impl Write) -> Result<()> {
+pub fn run(options: &ExportOptions, out: &mut impl Write) -> Result<()> {
     for fmu in build(options)? {
         print_fmu(&fmu.file, fmu.size, &fmu.platforms.join(" "), out)?;
     }
@@ -25,7 +25,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<()> {
 ///
 /// # Errors
 /// See [`fmu_build::export`].
-pub fn build(options: &Options) -> Result<Vec<Written>> {
+pub fn build(options: &ExportOptions) -> Result<Vec<ExportedFmu>> {
     let spinner = ProgressBar::new_spinner();
     spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?);
     spinner.enable_steady_tick(Duration::from_millis(100));

@@ -9,7 +9,7 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::{Result, bail};
 use clap::Args;
-use fmu_build::{FmiVersion, Options, Selection};
+use fmu_build::{ExportOptions, FmiVersion, Selection};
 use fmu_worker::Service;
 
 use super::export;
@@ -54,12 +54,12 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
         );
     }
     args.simulation.use_fmus(&folder);
-    let options = Options {
+    let options = ExportOptions {
         selection: args.selection,
         models,
         versions: vec![FmiVersion::Fmi2],
         out: Some(folder.clone()),
-        ..Options::default()
+        ..ExportOptions::default()
     };
     let metadata = options.selection.metadata()?;
     let (root, target) = (metadata.workspace_root.as_std_path(), metadata.target_directory);

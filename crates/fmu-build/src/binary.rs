@@ -1,0 +1,122 @@
+//! The shared libraries of FMUs: built, or given as files that were built elsewhere.
+
+use std::fs;
+use std::path::Path;
+use std::ptr;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::{ExportedModel, FmiVersion, read_interfaces};
+use fmu_file::platform::{Platform, Prebuilt};
+
+use crate::library::ModelLibrary;
+use crate::model::BuiltModel;
+
+/// A shared library for one or more platforms.
+pub struct Binary<'a> {
+    /// What it was built from, or its file if it was built before.
+    pub source: BinarySource<'a>,
+    pub platforms: Vec<Platform>,
+    pub bytes: Vec<u8>,
+    /// The models in it.
+    pub models: Vec<ExportedModel>,
+}
+
+/// Where a binary comes from.
+#[derive(Clone, Copy)]
+pub enum BinarySource<'a> {
+    Library(&'a ModelLibrary),
+    File(&'a Path),
+}
+
+impl<'a> Binary<'a> {
+    /// Reads a prebuilt binary.
+    pub fn read(prebuilt: &'a Prebuilt, version: FmiVersion) -> Result<Self> {
+        let file = prebuilt.file.display();
+        let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
+        let models = prebuilt
+            .platform
+            .check(&bytes)
+            .and_then(|()| check_functions(&bytes, version))
+            .and_then(|()| read_interfaces(&bytes))
+            .with_context(|| format!("{file} cannot be used"))?;
+        Ok(Self {
+            source: BinarySource::File(&prebuilt.file),
+            platforms: vec![prebuilt.platform],
+            bytes,
+            models,
+        })
+    }
+
+    /// The model with the given name.
+    pub fn model(&self, name: &str) -> Option<&ExportedModel> {
+        self.models.iter().find(|model| model.name == name)
+    }
+
+    /// Whether it is for the FMU of a model: it was built from its library, or before.
+    pub fn may_have(&self, model: &BuiltModel<'_>) -> bool {
+        match self.source {
+            BinarySource::Library(library) => ptr::eq(library, model.library),
+            BinarySource::File(_) => true,
+        }
+    }
+
+    /// Checks that a binary for a model contains it in the same version.
+    pub fn check_model(&self, model: &BuiltModel<'_>) -> Result<()> {
+        let ExportedModel { name, guid, .. } = &model.description;
+        if !self.may_have(model) || self.models.iter().any(|known| known.guid == *guid) {
+            return Ok(());
+        }
+        let reason = format!(
+            "it does not contain the model {name} with the GUID {guid}; was it built from another version?"
+        );
+        match self.source {
+            BinarySource::Library(_) => bail!(reason),
+            BinarySource::File(file) => bail!("{} cannot be used: {reason}", file.display()),
+        }
+    }
+}
+
+/// Leaves the platforms of prebuilt binaries to them.
+pub fn drop_replaced(built: &mut Vec<Binary<'_>>, prebuilt: &[Binary<'_>]) {
+    let taken = Vec::from_iter(prebuilt.iter().flat_map(|binary| &binary.platforms));
+    built.retain_mut(|binary| {
+        binary.platforms.retain(|platform| !taken.contains(&platform));
+        !binary.platforms.is_empty()
+    });
+}
+
+/// Checks that a binary has the names of the functions of a version of FMI.
+pub fn check_functions(binary: &[u8], version: FmiVersion) -> Result<()> {
+    let name: &[u8] = match version {
+        FmiVersion::Fmi2 => b"fmi2DoStep",
+        FmiVersion::Fmi3 => b"fmi3DoStep",
+    };
+    let mut names = binary.windows(name.len());
+    ensure!(
+        names.any(|bytes| bytes == name),
+        "it does not export the functions of FMI {}",
+        version.as_str()
+    );
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prebuilt_binary_replaces_another_in_its_folder_only() {
+        let arm = Platform::of_target("aarch64-apple-darwin", FmiVersion::Fmi2).unwrap();
+        let binary = |platforms: &[Platform]| Binary {
+            source: BinarySource::File(Path::new("")),
+            platforms: platforms.to_vec(),
+            bytes: Vec::new(),
+            models: Vec::new(),
+        };
+        for (prebuilt, expected) in [(&arm[..1], &[&arm[1..]][..]), (&arm, &[])] {
+            let mut built = vec![binary(&arm)];
+            drop_replaced(&mut built, &[binary(prebuilt)]);
+            assert_eq!(Vec::from_iter(built.iter().map(|b| &*b.platforms)), expected);
+        }
+    }
+}
