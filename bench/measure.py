@@ -29,7 +29,7 @@ from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 BENCH = ROOT / "bench"
 
 Costs = dict[str, list[float]]
-"""Times in ns, one per round, by the name of what was measured: "cycle/Pid move"."""
+"""Times in ns, one per round, by the name of what was measured: "cycle/Pid changing"."""
 
 
 # --- the FMUs -----------------------------------------------------------------------------
@@ -43,12 +43,12 @@ class Case:
     model: str
     outputs: Sequence[str]
     inputs: Mapping[str, float | str | None] = field(default_factory=dict)
-    """A constant, the output FMU.INDEX of another case, or None for a signal that moves."""
+    """A constant, the output FMU.INDEX of another case, or None for a changing signal."""
     start: Mapping[str, float | bool] = field(default_factory=dict)
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Self:
-        """Return the case of a table, in which listed inputs move."""
+        """Return the case of a table, in which listed inputs change."""
         inputs = table.get("inputs", {})
         inputs = inputs if isinstance(inputs, Mapping) else dict.fromkeys(inputs)
         return cls(**{**table, "inputs": inputs})
@@ -74,11 +74,11 @@ VERSIONS = [*list(MODELS.values())[:4], ALL_OUTPUTS]
 """The cases that are compared with FMI 3.0."""
 
 STANDING = {"r": 1.0, "y": 0.99, "d": 0.0, "u_supervisor": 10.0, "u": 1e-4}
-"""Inputs that stand. The force is so small that the plant stays upright."""
+"""Constant inputs. The force is so small that the plant stays upright."""
 
 
 def standing(case: Case) -> Case:
-    """Return a case with all inputs standing."""
+    """Return a case with constant inputs."""
     return replace(case, inputs={name: STANDING[name] for name in case.inputs})
 
 
@@ -268,8 +268,8 @@ class Bench:
         moving += self.baseline()
         again = [replace(case, name=f"{case.name} again") for case in (REFERENCE, MODELS["PidRbf"])]
         sine = replace(SOURCE, start={"signal": 2})
-        cases = [(case, "stand") for case in [*map(standing, [*moving, *again]), SOURCE]]
-        cases += [(case, "move") for case in [*moving, *again, sine]]
+        cases = [(case, "constant") for case in [*map(standing, [*moving, *again]), SOURCE]]
+        cases += [(case, "changing") for case in [*moving, *again, sine]]
         rounds, measured = max(self.some(500) // PROCESSES, 1), [case for case, _ in cases]
         parts = [self.host.measure("cycle", CYCLES, rounds, measured) for _ in range(PROCESSES)]
         return {
@@ -475,9 +475,9 @@ class Bench:
             return {}
         pid, rbf, ipid = (MODELS[name] for name in ("Pid", "PidRbf", "IpidRbf"))
         plant = replace(MODELS["Pendulum, linear"], name="Pendulum")
-        cases = {f"{c.name}, move": c for c in (REFERENCE, pid, rbf, ipid)}
-        cases |= {"PidRbf, stand": standing(rbf), "Pendulum": plant}
-        cases |= {f"{c.name}, move": c for c in map(in_fmi3, (pid, rbf))}
+        cases = {f"{c.name}, changing inputs": c for c in (REFERENCE, pid, rbf, ipid)}
+        cases |= {"PidRbf, constant inputs": standing(rbf), "Pendulum": plant}
+        cases |= {f"{c.name}, changing inputs": c for c in map(in_fmi3, (pid, rbf))}
         commands = {
             name: lambda n, case=case: self.host.command("cycle", round(n / WARM_UP), 1, [case])
             for name, case in cases.items()

@@ -19,7 +19,7 @@ from measure import BASELINE, MODELS, REFERENCE, SOURCE, VERSIONS, Costs
 from pendulum_fmus.report import printed
 from pendulum_fmus.report.figure import Curve, Figure, Panel
 
-INPUTS = ("stand", "move")
+INPUTS = ("constant", "changing")
 
 SEVERAL = ("Pendulum, linear", "Pid", "PidRbf", REFERENCE.name)
 """The FMUs of which many instances are measured."""
@@ -165,7 +165,9 @@ def worse(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
     for name, ratio in now["ratios"].items():
         old = before["ratios"].get(name)
         # A speed should be high, a cost low.
-        is_speed = "FMPy, " in name or name.endswith("processes")
+        is_speed = (
+            "FMPy, " in name or name.startswith("the speed of ") or name.endswith("processes")
+        )
         if old and (old / ratio if is_speed else ratio / old) > WORSE:
             found.append(f"{name}: {number(ratio)}, before {number(old)}")
     return found
@@ -305,7 +307,7 @@ def pictures(costs: Costs) -> list[Figure]:
         ],
     }
     if "loading/open" in costs:
-        labels = {"set-point moves": "move", "set-point stands": "stand"}
+        labels = {"changing set-point": "changing", "constant set-point": "constant"}
         each = {label: dict(node_costs(costs, kind)) for label, kind in labels.items()}
         per_node = {label: {n: c / n for n, c in ns.items()} for label, ns in each.items()}
         title, sample = "What does a larger network cost?", "time per sample in process [ns]"

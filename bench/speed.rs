@@ -21,7 +21,7 @@ const FORCE: [f64; 4] = [1e-4; 4];
 /// Steps after which the plant, which has no controller, is reset.
 const UPRIGHT: u32 = 2048;
 
-/// A model with inputs that stand, and with inputs that move: r, y, d, `u_supervisor` of a controller, or u
+/// A model with constant inputs, and with changing inputs: r, y, d, `u_supervisor` of a controller, or u
 /// of the plant.
 fn both<Step: FnMut([f64; 4]) -> f64>(
     group: &mut Group<'_>,
@@ -32,7 +32,7 @@ fn both<Step: FnMut([f64; 4]) -> f64>(
     // Values with mean zero, which always change and are large enough to avoid denormal numbers.
     let value = |k: usize| 0.1 * libm::sin(core::f64::consts::TAU * (k as f64 + 0.5) / 64.0);
     let moving = array::from_fn(|k| array::from_fn(|i| value(k + i)));
-    for (kind, inputs) in [("stand", [standing; 64]), ("move", moving)] {
+    for (kind, inputs) in [("constant", [standing; 64]), ("changing", moving)] {
         let mut step = model();
         let mut inputs = inputs.iter().cycle();
         group.bench_function(format!("{name} {kind}"), |b| {
@@ -71,8 +71,8 @@ fn models(criterion: &mut Criterion) {
         let plant = TransferFunction::new(&Parameters::PAPER, TS, State::default());
         from_upright(plant, |plant, u| _ = plant.advance(u), |p| p.theta())
     });
-    source(&mut group, "stand", |_| black_box(1.0));
-    source(&mut group, "move", |time| signal::sine(0.2, time));
+    source(&mut group, "constant", |_| black_box(1.0));
+    source(&mut group, "changing", |time| signal::sine(0.2, time));
     group.finish();
 }
 
