@@ -162,7 +162,7 @@ def bearable(law: Law, samples: int = 0, gain: float = 1.0) -> bool:
 
 
 def delay_margin(law: Law) -> int:
-    """Return the delay from measurement to force that the loop bears [samples]."""
+    """Return the delay from measurement to force that the loop tolerates [samples]."""
     samples = next(n for n in itertools.count() if not bearable(law, n + 1))
     return samples + law.previous_sample_terms
 
