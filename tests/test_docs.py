@@ -114,7 +114,6 @@ def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> N
     package = new_package("guide", tmp_path)
     (package / "src" / "lib.rs").write_text("#![allow(dead_code)]\n" + "".join(modules))
     with (package / "Cargo.toml").open("a") as manifest:
-        manifest.write('serde = { version = "1", features = ["derive"] }\n')
         manifest.write('[features]\ndefault = ["fmi"]\nfmi = []\n')
     shell("cargo test", package)
 
@@ -124,6 +123,12 @@ def test_programs_in_rust_are_examples() -> None:
     blocks = BLOCK.findall(PAGES["docs/rust.md"])
     example = ROOT / "crates" / "fmu-master" / "examples" / "gains.rs"
     assert [text for _, kind, text in blocks if kind == "rust"] == [example.read_text()]
+
+
+def test_the_first_model_is_that_of_a_new_package() -> None:
+    blocks = BLOCK.findall(PAGES["docs/start.md"])
+    template = ROOT / "crates" / "cargo-fmu" / "src" / "template" / "lib.rs"
+    assert [text in template.read_text() for _, kind, text in blocks if kind == "rust"] == [True]
 
 
 def test_reference_pages_are_made_from_the_program_the_fmus_and_the_docstrings(

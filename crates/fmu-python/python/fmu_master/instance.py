@@ -69,7 +69,7 @@ class Instance:
         Its name in errors, by default the name of the file.
     in_process
         Run in this process, in which a call takes about a microsecond, but a crash ends Python. By
-        default, the FMU runs in a child process: a call takes some ten microseconds, and a crash is
+        default, the FMU runs in a child process: a call takes tens of microseconds, and a crash is
         an `FmuError`.
 
     Raises
