@@ -7,7 +7,7 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-use fmu_host::{FmiVersion, Instance, Instantiation, Library, Listed};
+use fmu_host::{FmiVersion, Instance, Instantiation, Library, StepVariables};
 
 const STEP: f64 = 1e-3;
 
@@ -29,7 +29,10 @@ impl Subject {
         instance.enter_initialization_mode()?;
         instance.exit_initialization_mode()?;
         let [input, output] = [input, output].map(|reference| reference.parse());
-        instance.access_at_steps(Listed::new(&[input?], 0..1), Listed::new(&[output?], 1..2));
+        instance.access_at_steps(
+            StepVariables::new(&[input?], 0..1),
+            StepVariables::new(&[output?], 1..2),
+        );
         Ok(Self { instance, amplitude: amplitude.parse()?, steps: 0 })
     }
 

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use fmu_file::replace::remove_unfinished;
-use fmu_worker::Owned;
+use fmu_worker::ProcessOwned;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use tempfile::TempDir;
 
@@ -21,7 +21,7 @@ use crate::ui;
 
 /// A command in progress. All temporary folders are in one, which is removed with this value.
 pub struct Session {
-    folder: Owned<TempDir>,
+    folder: ProcessOwned<TempDir>,
     /// Locked while this process lives.
     _lock: File,
     signal: Arc<AtomicUsize>,
@@ -63,7 +63,7 @@ impl Session {
         let created = create();
         let (folder, lock) =
             created.with_context(|| format!("cannot write to the folder {}", parent.display()))?;
-        Ok(Self { folder: Owned::new(folder), _lock: lock, signal: Arc::default() })
+        Ok(Self { folder: ProcessOwned::new(folder), _lock: lock, signal: Arc::default() })
     }
 
     /// The folder for temporary files.

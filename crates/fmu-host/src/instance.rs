@@ -5,81 +5,32 @@ use std::ffi::{CString, c_int, c_void};
 use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
 
 use fmi_abi::fmi2::*;
 use fmi_abi::fmi3::*;
-use fmi_abi::{FmiVersion, InterfaceType, fmi2_functions, fmi3_functions};
+use fmi_abi::{FmiVersion, InterfaceType};
 
+use crate::functions::{Fmi2, Fmi3, Handle};
 #[cfg(feature = "sandbox")]
 use crate::library::Binary;
 use crate::library::Library;
-use crate::logger::{Logged, OnIntermediate, Registered, intermediate_update, log_3, logger, text};
+use crate::logger::{LogMessage, Registered, intermediate_update, log_3, logger, text};
 use crate::outcome::{Cause, Failure, Result, Success};
-use crate::quick::{Quick, Unusual};
+use crate::quick::Quick;
+use crate::types::{CompletedStep, DiscreteStatesUpdate, FmuState, Instantiation, Treatment};
 
 /// Calls the function that performs an operation: of the instance's version, or of the only version that has
 /// it.
 macro_rules! call {
     (both $instance:ident.$operation:ident $values:tt) => {
-        match $instance.version {
-            FmiVersion::Fmi2 => Fmi2($instance).$operation $values,
-            FmiVersion::Fmi3 => Fmi3($instance).$operation $values,
+        match $instance.handle.version {
+            FmiVersion::Fmi2 => Fmi2(&mut $instance.handle).$operation $values,
+            FmiVersion::Fmi3 => Fmi3(&mut $instance.handle).$operation $values,
         }
     };
     ($version:ident $instance:ident.$operation:ident $values:tt) => {
-        $version($instance).$operation $values
+        $version(&mut $instance.handle).$operation $values
     };
-}
-
-/// The arguments that [`Library::instantiate`] passes to the FMU. FMI 2.0 has those up to `logging_on`.
-#[derive(Clone, Default)]
-pub struct Instantiation<'a> {
-    /// Name of the instance.
-    pub name: &'a str,
-    /// How the host simulates the instance.
-    pub interface_type: InterfaceType,
-    /// The GUID of the model description, or the instantiation token of FMI 3.0.
-    pub guid: &'a str,
-    /// The location of the folder `resources`, as [`Library::location`] returns it.
-    pub resources: &'a str,
-    /// Whether the FMU also logs messages other than errors.
-    pub logging_on: bool,
-    /// `eventModeUsed`
-    pub event_mode_used: bool,
-    /// `earlyReturnAllowed`
-    pub early_return_allowed: bool,
-    /// `requiredIntermediateVariables`
-    pub intermediate_variables: &'a [u32],
-    /// Receives intermediate updates, during a step and on its thread.
-    pub on_intermediate: Option<OnIntermediate>,
-    /// How the arguments are treated.
-    pub treatment: Treatment,
-    /// The limits of an instance of a WebAssembly component.
-    pub limits: Limits,
-}
-
-/// The limits of an instance of a WebAssembly component; a call that exceeds one ends with a trap.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Limits {
-    /// The time of each call.
-    pub call: Option<Duration>,
-    /// The memory in bytes, of all memories and tables together.
-    pub memory: Option<usize>,
-}
-
-/// How [`Library::instantiate`] treats the arguments. All but the first test an FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Treatment {
-    /// All arguments are given, and stay valid until the instance is freed.
-    #[default]
-    Usual,
-    /// The strings are overwritten after the call; FMUs must copy what they need.
-    ShortLivedStrings,
-    /// The logger is NULL.
-    NoLogger,
-    /// The location of the resources is NULL.
-    NoResources,
 }
 
 impl Library {
@@ -92,7 +43,7 @@ impl Library {
     pub fn instantiate(
         self: &Arc<Self>,
         arguments: &Instantiation<'_>,
-        sink: impl Fn(Logged) + Send + Sync + 'static,
+        sink: impl Fn(LogMessage) + Send + Sync + 'static,
     ) -> Result<Option<Instance>> {
         let function = match (self.version, arguments.interface_type) {
             (FmiVersion::Fmi2, _) => "fmi2Instantiate",
@@ -119,8 +70,8 @@ impl Library {
         #[cfg(feature = "sandbox")]
         if let Binary::Component(component) = &self.binary {
             self.trace(function);
-            instance.component = component.instantiate(arguments, environment)?;
-            return Ok(instance.component.is_some().then_some(instance));
+            instance.handle.component = component.instantiate(arguments, environment)?;
+            return Ok(instance.handle.component.is_some().then_some(instance));
         }
         let on = arguments.logging_on;
         // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
@@ -162,20 +113,14 @@ impl Library {
             bytes.filter(|byte| **byte != 0).for_each(|byte| *byte = b'#');
         }
         instance.strings = strings;
-        instance.pointer = pointer;
+        instance.handle.pointer = pointer;
         Ok((!pointer.is_null()).then_some(instance))
     }
 }
 
 /// An instance of an FMU, which is freed on drop. It keeps its library loaded.
 pub struct Instance {
-    pub(crate) library: Arc<Library>,
-    /// What the version of FMI calls a component or an instance.
-    pub(crate) pointer: fmi2Component,
-    pub(crate) version: FmiVersion,
-    /// What is called instead, if the FMU is a WebAssembly component.
-    #[cfg(feature = "sandbox")]
-    pub(crate) component: Option<Box<crate::sandbox::Instance>>,
+    pub(crate) handle: Handle,
     /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance. FMI 3.0 has none.
     callbacks: Option<*mut fmi2CallbackFunctions>,
     /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
@@ -195,19 +140,6 @@ unsafe impl Send for Instance {}
 /// The relative tolerance, the start time and the stop time (s), optional ones with whether they are given.
 type Experiment = ((bool, f64), f64, (bool, f64));
 
-/// A saved FMU state, to be freed with [`Instance::free_fmu_state`].
-#[repr(transparent)]
-pub struct State(pub(crate) *mut c_void);
-
-// SAFETY: only the functions of the instance use the pointer, which any thread may call, as for `Instance`.
-unsafe impl Send for State {}
-
-impl From<&State> for *mut c_void {
-    fn from(state: &State) -> Self {
-        state.0
-    }
-}
-
 unsafe extern "C" {
     fn calloc(count: usize, size: usize) -> *mut c_void;
     fn free(memory: *mut c_void);
@@ -225,58 +157,6 @@ unsafe extern "C" fn allocate(count: usize, size: usize) -> *mut c_void {
 /// How often FMUs have called `allocateMemory` in this process (FMI 2.0.5, section 2.1.5).
 pub fn allocations() -> usize {
     ALLOCATIONS.load(Ordering::Relaxed)
-}
-
-/// The results of a step (FMI 3.0.2, section 4.2.1).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stepped {
-    /// `eventHandlingNeeded`
-    pub event_handling_needed: bool,
-    /// `terminateSimulation`
-    pub terminate: bool,
-    /// `earlyReturn`
-    pub early_return: bool,
-    /// `lastSuccessfulTime` (s)
-    pub last_successful_time: f64,
-}
-
-/// The result of a step of FMI 3.0 that must not end early.
-pub(crate) fn at_the_end(done: Success, stepped: Stepped) -> Unusual {
-    let cause = match stepped {
-        Stepped { terminate: true, .. } => Cause::Terminated(stepped.last_successful_time),
-        Stepped { early_return: true, .. } => Cause::ReturnedEarly(stepped.last_successful_time),
-        _ if done == Success::Ok => return None,
-        _ => return Some(Box::new(Ok(done))),
-    };
-    Some(Box::new(Err(Failure::new("fmi3DoStep", cause))))
-}
-
-/// The result of an update of discrete states.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Update {
-    /// `discreteStatesNeedUpdate`
-    pub again: bool,
-    /// `terminateSimulation`
-    pub terminate: bool,
-    /// `nominalsOfContinuousStatesChanged`
-    pub nominals_changed: bool,
-    /// `valuesOfContinuousStatesChanged`
-    pub states_changed: bool,
-    /// `nextEventTime`, if it is defined.
-    pub next_event: Option<f64>,
-    /// Whether the FMU has written all of them.
-    pub is_written: bool,
-}
-
-/// The result of a completed integrator step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Completed {
-    /// `enterEventMode`
-    pub enter_event_mode: bool,
-    /// `terminateSimulation`
-    pub terminate: bool,
-    /// Whether the FMU has written its results.
-    pub is_written: bool,
 }
 
 /// A type of numbers with functions of its own.
@@ -373,7 +253,7 @@ methods! {
     Fmi3 get_adjoint_derivative(unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64]);
     Fmi2 set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64]);
     both get_output_derivatives(references: &[u32], orders: &[i32], values: &mut [f64]);
-    both set_fmu_state(state: &State);
+    both set_fmu_state(state: &FmuState);
     Fmi3 get_number_of_continuous_states(n: &mut usize);
     Fmi3 get_number_of_event_indicators(n: &mut usize);
     Fmi2 cancel_step();
@@ -401,11 +281,13 @@ impl Instance {
             }))
         };
         Self {
-            library: Arc::clone(library),
-            pointer: ptr::null_mut(),
-            version: library.version(),
-            #[cfg(feature = "sandbox")]
-            component: None,
+            handle: Handle {
+                library: Arc::clone(library),
+                pointer: ptr::null_mut(),
+                version: library.version(),
+                #[cfg(feature = "sandbox")]
+                component: None,
+            },
             callbacks: (library.version() == FmiVersion::Fmi2).then(callbacks),
             experiment: Experiment::default(),
             is_saved: false,
@@ -422,17 +304,17 @@ impl Instance {
 
     /// Its library.
     pub fn library(&self) -> &Arc<Library> {
-        &self.library
+        &self.handle.library
     }
 
     /// Its version of FMI.
     pub fn version(&self) -> FmiVersion {
-        self.version
+        self.handle.version
     }
 
     /// The failure of a function that returned success, by the operation that it performs.
     fn broke(&self, operation: &'static str, cause: Cause) -> Failure {
-        Failure::new(self.version.function(operation).unwrap_or(operation), cause)
+        Failure::new(self.handle.version.function(operation).unwrap_or(operation), cause)
     }
 
     /// Gets `n` numbers: `instance.read(n, Instance::get_event_indicators)`.
@@ -466,10 +348,14 @@ impl Instance {
         let flagged = |value: Option<f64>| (value.is_some(), value.unwrap_or_default());
         self.experiment = (flagged(tolerance), start, flagged(stop));
         let ((has_tolerance, tolerance), start, (has_stop, stop)) = self.experiment;
-        match self.version {
-            FmiVersion::Fmi2 => {
-                Fmi2(self).setup_experiment(has_tolerance, tolerance, start, has_stop, stop)
-            }
+        match self.handle.version {
+            FmiVersion::Fmi2 => Fmi2(&mut self.handle).setup_experiment(
+                has_tolerance,
+                tolerance,
+                start,
+                has_stop,
+                stop,
+            ),
             FmiVersion::Fmi3 => Ok(Success::Ok),
         }
     }
@@ -477,9 +363,9 @@ impl Instance {
     /// `fmi2EnterInitializationMode`, `fmi3EnterInitializationMode`
     pub fn enter_initialization_mode(&mut self) -> Result {
         let ((has_tolerance, tolerance), start, (has_stop, stop)) = self.experiment;
-        match self.version {
-            FmiVersion::Fmi2 => Fmi2(self).enter_initialization_mode(),
-            FmiVersion::Fmi3 => Fmi3(self).enter_initialization_mode(
+        match self.handle.version {
+            FmiVersion::Fmi2 => Fmi2(&mut self.handle).enter_initialization_mode(),
+            FmiVersion::Fmi3 => Fmi3(&mut self.handle).enter_initialization_mode(
                 has_tolerance,
                 tolerance,
                 start,
@@ -492,11 +378,11 @@ impl Instance {
     /// `fmi2GetBoolean`, `fmi3GetBoolean`; as integers, since a foreign FMU may return values other than
     /// 0 and 1.
     pub fn get_boolean(&mut self, references: &[u32], values: &mut [fmi2Boolean]) -> Result {
-        if self.version == FmiVersion::Fmi2 {
-            return Fmi2(self).get_boolean(references, values);
+        if self.handle.version == FmiVersion::Fmi2 {
+            return Fmi2(&mut self.handle).get_boolean(references, values);
         }
         let mut bytes = vec![fmi3False; values.len()];
-        let got = Fmi3(self).get_boolean(references, &mut bytes)?;
+        let got = Fmi3(&mut self.handle).get_boolean(references, &mut bytes)?;
         for (value, byte) in values.iter_mut().zip(bytes) {
             *value = byte.into();
         }
@@ -505,11 +391,11 @@ impl Instance {
 
     /// `fmi2SetBoolean`, `fmi3SetBoolean`; in FMI 3.0 every value but 0 is true.
     pub fn set_boolean(&mut self, references: &[u32], values: &[fmi2Boolean]) -> Result {
-        if self.version == FmiVersion::Fmi2 {
-            return Fmi2(self).set_boolean(references, values);
+        if self.handle.version == FmiVersion::Fmi2 {
+            return Fmi2(&mut self.handle).set_boolean(references, values);
         }
         let bytes: Vec<_> = values.iter().map(|v| fmi3Boolean::from(*v != 0)).collect();
-        Fmi3(self).set_boolean(references, &bytes)
+        Fmi3(&mut self.handle).set_boolean(references, &bytes)
     }
 
     /// `fmi2GetString`, `fmi3GetString` of variables with `n` elements in total.
@@ -545,7 +431,7 @@ impl Instance {
     /// `fmi3GetBinary` of variables with `n` elements in total.
     pub fn get_binary(&mut self, references: &[u32], n: usize) -> Result<(Success, Vec<Vec<u8>>)> {
         let (mut sizes, mut values) = (vec![0; n], vec![ptr::null(); n]);
-        let got = Fmi3(self).get_binary(references, &mut sizes, &mut values)?;
+        let got = Fmi3(&mut self.handle).get_binary(references, &mut sizes, &mut values)?;
         let copied = values.iter().zip(sizes).map(|(value, size)| match size {
             0 => Some(Vec::new()),
             _ if value.is_null() => None,
@@ -560,13 +446,13 @@ impl Instance {
     /// Gets and sets no variables of type Float64, with NULL for all arrays.
     pub fn get_and_set_nothing(&mut self) -> Result {
         #[cfg(feature = "sandbox")]
-        if self.component.is_some() {
+        if self.handle.component.is_some() {
             self.get_float64(&[], &mut [])?;
             return self.set_float64(&[], &[]);
         }
-        let (library, i) = (&*self.library, self.pointer);
+        let (library, i) = (&*self.handle.library, self.handle.pointer);
         let (none, out) = (ptr::null(), ptr::null_mut());
-        let name = |get_2, get_3| match self.version {
+        let name = |get_2, get_3| match self.handle.version {
             FmiVersion::Fmi2 => get_2,
             FmiVersion::Fmi3 => get_3,
         };
@@ -575,7 +461,7 @@ impl Instance {
         let (fmi2, fmi3) = (&library.fmi2, &library.fmi3);
         // SAFETY: the types follow the standard, which allows NULL for arrays without elements.
         let (got, was_set) = unsafe {
-            match self.version {
+            match self.handle.version {
                 FmiVersion::Fmi2 => (
                     library.function(fmi2.fmi2GetReal, get)?(i, ptr::null(), 0, out).0,
                     library.function(fmi2.fmi2SetReal, set)?(i, ptr::null(), 0, none).0,
@@ -591,8 +477,8 @@ impl Instance {
     }
 
     /// `fmi2GetFMUstate`, `fmi3GetFMUState`
-    pub fn get_fmu_state(&mut self) -> Result<State> {
-        let mut state = State(ptr::null_mut());
+    pub fn get_fmu_state(&mut self) -> Result<FmuState> {
+        let mut state = FmuState(ptr::null_mut());
         self.save_to(&mut state)?;
         let cause = Cause::Broke("returned success and no state");
         match state.0.is_null() {
@@ -602,13 +488,13 @@ impl Instance {
     }
 
     /// `fmi2GetFMUstate`, `fmi3GetFMUState` with a state that exists, which the FMU overwrites.
-    pub fn save_to(&mut self, state: &mut State) -> Result {
+    pub fn save_to(&mut self, state: &mut FmuState) -> Result {
         self.is_saved = true;
         call!(both self.get_fmu_state(state))
     }
 
     /// `fmi2FreeFMUstate`, `fmi3FreeFMUState`
-    pub fn free_fmu_state(&mut self, mut state: State) -> Result {
+    pub fn free_fmu_state(&mut self, mut state: FmuState) -> Result {
         let freed = call!(both self.free_fmu_state(&mut state))?;
         let cause = Cause::Broke("did not set the state to NULL");
         if state.0.is_null() { Ok(freed) } else { Err(self.broke("free_fmu_state", cause)) }
@@ -616,12 +502,12 @@ impl Instance {
 
     /// `fmi2FreeFMUstate`, `fmi3FreeFMUState` with a pointer to NULL, which does nothing by the standard.
     pub fn free_null_state(&mut self) -> Result {
-        self.free_fmu_state(State(ptr::null_mut()))
+        self.free_fmu_state(FmuState(ptr::null_mut()))
     }
 
     /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`, `fmi3SerializedFMUStateSize` and
     /// `fmi3SerializeFMUState`; an error if there are more than `max` bytes.
-    pub fn serialize_fmu_state(&mut self, state: &State, max: usize) -> Result<Vec<u8>> {
+    pub fn serialize_fmu_state(&mut self, state: &FmuState, max: usize) -> Result<Vec<u8>> {
         // An FMU that writes more than it announced damages these bytes only.
         const GUARD: [u8; 64] = [0xa5; 64];
         let mut n = 0;
@@ -641,50 +527,10 @@ impl Instance {
     }
 
     /// `fmi2DeSerializeFMUstate`, `fmi3DeserializeFMUState`
-    pub fn deserialize_fmu_state(&mut self, bytes: &[u8]) -> Result<State> {
-        let mut state = State(ptr::null_mut());
+    pub fn deserialize_fmu_state(&mut self, bytes: &[u8]) -> Result<FmuState> {
+        let mut state = FmuState(ptr::null_mut());
         call!(both self.deserialize_fmu_state(bytes, &mut state))?;
         Ok(state)
-    }
-
-    /// `fmi2DoStep`, `fmi3DoStep`, with `noSetFMUStatePriorToCurrentPoint` true unless a state was saved. A step
-    /// that ends early or asks to end the simulation has failed.
-    pub fn do_step(&mut self, time: f64, step: f64) -> Result {
-        self.do_step_quickly(time, step).map_or(Ok(Success::Ok), |other| *other)
-    }
-
-    #[inline(never)]
-    pub(crate) fn step_to_the_end(&mut self, time: f64, step: f64) -> Unusual {
-        let (done, stepped) = match self.step(time, step, !self.is_saved) {
-            Ok(done) => done,
-            Err(failure) => return Some(Box::new(Err(failure))),
-        };
-        at_the_end(done, stepped)
-    }
-
-    /// `fmi2DoStep`, `fmi3DoStep`; the flag is `noSetFMUStatePriorToCurrentPoint`.
-    #[inline]
-    pub fn step(&mut self, time: f64, step: f64, no_set_state: bool) -> Result<(Success, Stepped)> {
-        let [mut event, mut terminate, mut early] = [fmi3False; 3];
-        let mut last = match self.version {
-            FmiVersion::Fmi2 => time + step,
-            FmiVersion::Fmi3 => time,
-        };
-        let (of_event, of_end, of_early) = (&mut event, &mut terminate, &mut early);
-        let done = match self.version {
-            FmiVersion::Fmi2 => Fmi2(self).do_step(time, step, no_set_state),
-            FmiVersion::Fmi3 => {
-                let (flag, last) = (no_set_state, &mut last);
-                Fmi3(self).do_step(time, step, flag, of_event, of_end, of_early, last)
-            }
-        }?;
-        let stepped = Stepped {
-            event_handling_needed: event != fmi3False,
-            terminate: terminate != fmi3False,
-            early_return: early != fmi3False,
-            last_successful_time: last,
-        };
-        Ok((done, stepped))
     }
 
     /// `fmi2GetBooleanStatus` of `fmi2Terminated`: whether the FMU has ended the simulation.
@@ -702,8 +548,8 @@ impl Instance {
     }
 
     /// `fmi2NewDiscreteStates`, `fmi3UpdateDiscreteStates`
-    pub fn update_discrete_states(&mut self) -> Result<Update> {
-        let ([again, terminate, nominals, states, is_defined], next) = match self.version {
+    pub fn update_discrete_states(&mut self) -> Result<DiscreteStatesUpdate> {
+        let ([again, terminate, nominals, states, is_defined], next) = match self.handle.version {
             FmiVersion::Fmi2 => {
                 let mut info = fmi2EventInfo {
                     newDiscreteStatesNeeded: UNWRITTEN,
@@ -713,7 +559,7 @@ impl Instance {
                     nextEventTimeDefined: UNWRITTEN,
                     nextEventTime: 0.0,
                 };
-                Fmi2(self).update_discrete_states(&mut info)?;
+                Fmi2(&mut self.handle).update_discrete_states(&mut info)?;
                 let flags = [
                     info.newDiscreteStatesNeeded,
                     info.terminateSimulation,
@@ -726,12 +572,12 @@ impl Instance {
             FmiVersion::Fmi3 => {
                 let (mut flags, mut next) = ([UNWRITTEN as fmi3Boolean; 5], 0.0);
                 let [a, t, n, s, d] = &mut flags;
-                Fmi3(self).update_discrete_states(a, t, n, s, d, &mut next)?;
+                Fmi3(&mut self.handle).update_discrete_states(a, t, n, s, d, &mut next)?;
                 (flags.map(|value| flag(value.cast_signed())), next)
             }
         };
         let is_set = |flag: Option<bool>| flag == Some(true);
-        Ok(Update {
+        Ok(DiscreteStatesUpdate {
             again: is_set(again),
             terminate: is_set(terminate),
             nominals_changed: is_set(nominals),
@@ -742,20 +588,28 @@ impl Instance {
     }
 
     /// `fmi2CompletedIntegratorStep`, `fmi3CompletedIntegratorStep`
-    pub fn completed_integrator_step(&mut self) -> Result<Completed> {
-        let flags = match self.version {
+    pub fn completed_integrator_step(&mut self) -> Result<CompletedStep> {
+        let flags = match self.handle.version {
             FmiVersion::Fmi2 => {
                 let [mut event, mut terminate] = [UNWRITTEN; 2];
-                Fmi2(self).completed_integrator_step(true, &mut event, &mut terminate)?;
+                Fmi2(&mut self.handle).completed_integrator_step(
+                    true,
+                    &mut event,
+                    &mut terminate,
+                )?;
                 [event, terminate].map(flag)
             }
             FmiVersion::Fmi3 => {
                 let [mut event, mut terminate] = [UNWRITTEN as fmi3Boolean; 2];
-                Fmi3(self).completed_integrator_step(true, &mut event, &mut terminate)?;
+                Fmi3(&mut self.handle).completed_integrator_step(
+                    true,
+                    &mut event,
+                    &mut terminate,
+                )?;
                 [event, terminate].map(|value| flag(value.cast_signed()))
             }
         };
-        Ok(Completed {
+        Ok(CompletedStep {
             enter_event_mode: flags[0] == Some(true),
             terminate: flags[1] == Some(true),
             is_written: !flags.contains(&None),
@@ -774,14 +628,14 @@ fn flag(value: impl Into<fmi2Boolean>) -> Option<bool> {
 
 impl Drop for Instance {
     fn drop(&mut self) {
-        if self.library.is_lost() {
+        if self.handle.library.is_lost() {
             // No code of the FMU may run, including its destructors, so it is never unloaded.
-            std::mem::forget(Arc::clone(&self.library));
+            std::mem::forget(Arc::clone(&self.handle.library));
             return;
         }
-        let free = match self.pointer.is_null() {
+        let free = match self.handle.pointer.is_null() {
             true => None,
-            false => match self.library.free_function() {
+            false => match self.handle.library.free_function() {
                 Ok(free) => Some(free),
                 Err(_) => return, // the callbacks are still in use
             },
@@ -790,7 +644,7 @@ impl Drop for Instance {
         // them after this call.
         unsafe {
             if let Some(free) = free {
-                free(self.pointer);
+                free(self.handle.pointer);
             }
             if let Some(callbacks) = self.callbacks {
                 drop(Box::from_raw(callbacks));
@@ -798,148 +652,3 @@ impl Drop for Instance {
         }
     }
 }
-
-/// An instance as FMI 2.0 sees it.
-pub(crate) struct Fmi2<'a>(pub(crate) &'a mut Instance);
-
-/// An instance as FMI 3.0 sees it.
-pub(crate) struct Fmi3<'a>(pub(crate) &'a mut Instance);
-
-/// Defines a method for each function of an instance, made from the rows of `fmi-abi` and named by the operation
-/// that it performs. Its arrays are slices, from which the method takes the lengths; where a length counts several
-/// slices, the shortest one decides.
-macro_rules! functions {
-    (
-        $inline:ident $version:ident $functions:ident
-        Free { $($_0:tt)* }
-        $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($states:ident)|+;)* })*
-    ) => {
-        #[allow(dead_code, clippy::too_many_arguments, clippy::useless_conversion, reason = "as in the standard")]
-        impl $version<'_> {
-            $($(method!($inline $version $functions $name $operation $($states)|+; [] [$($arg: $kind,)*] $($arg: $kind,)*);)*)*
-        }
-    };
-}
-
-macro_rules! method {
-    ($inline:ident $v:ident $f:ident $name:ident $op:ident $($s:ident)|+; $done:tt [$n:ident: [len], $($rest:tt)*] $($all:tt)*) => {
-        method!($inline $v $f $name $op $($s)|+; $done [$($rest)*] $($all)*);
-    };
-    ($inline:ident $v:ident $f:ident $name:ident $op:ident $($s:ident)|+; [$($done:tt)*] [$arg:ident: $kind:tt, $($rest:tt)*] $($all:tt)*) => {
-        method!($inline $v $f $name $op $($s)|+; [$($done)* $arg: rust_type!($kind),] [$($rest)*] $($all)*);
-    };
-    ($inline:ident $v:ident $f:ident $name:ident $op:ident $($s:ident)|+; [$($param:ident: $type:ty,)*] [] $($arg:ident: $kind:tt,)*) => {
-        #[inline($inline)]
-        pub(crate) fn $op(self, $($param: $type),*) -> Result {
-            let instance = self.0;
-            if instance.version != FmiVersion::$v {
-                return Err(Failure::new(stringify!($name), Cause::OtherVersion));
-            }
-            #[cfg(feature = "sandbox")]
-            component!(instance $v $name $op $($s)|+; $($param),*);
-            $(prepare!($arg $kind);)*
-            $(measure!($arg $kind);)*
-            let library = &*instance.library;
-            // SAFETY: the standard gives the type, the instance is one of this version and not freed,
-            // and every pointer is valid for the length passed with it. The rest depends on the foreign
-            // binary, as described in the crate documentation.
-            let status = unsafe {
-                let function = library.function(library.$f.$name, stringify!($name))?;
-                function(instance.pointer, $(c_value!($arg $kind)),*)
-            };
-            library.outcome(stringify!($name), status.0)
-        }
-    };
-}
-
-/// Calls the component, if the FMU is one. The host sets no Binaries, and does not call the functions that are allowed in
-/// no state.
-#[cfg(feature = "sandbox")]
-macro_rules! component {
-    ($instance:ident Fmi2 $($rest:tt)*) => {};
-    ($instance:ident Fmi3 fmi3SetBinary $($rest:tt)*) => {};
-    ($instance:ident Fmi3 $name:ident $op:ident NOWHERE; $($param:ident),*) => {};
-    ($instance:ident Fmi3 $name:ident $op:ident $($_0:ident)|*; $($param:ident),*) => {
-        if let Some(component) = &mut $instance.component {
-            $instance.library.trace(stringify!($name));
-            let status = component.$op($($param),*);
-            return $instance.library.outcome(stringify!($name), status.0);
-        }
-    };
-}
-
-/// The type of an argument of a method.
-macro_rules! rust_type {
-    ([in $(?)? fmi2Byte; $n:ident]) => {
-        &[u8]
-    };
-    ([out $(?)? fmi2Byte; $n:ident]) => {
-        &mut [u8]
-    };
-    ([in $(?)? $type:ident; $n:ident]) => {
-        &[$type]
-    };
-    ([out $(?)? $type:ident; $n:ident]) => {
-        &mut [$type]
-    };
-    ([out? fmi2FMUstate]) => {
-        &mut State
-    };
-    ([out? fmi3FMUState]) => {
-        &mut State
-    };
-    ([out $(?)? $type:ident]) => {
-        &mut $type
-    };
-    (fmi2FMUstate) => {
-        &State
-    };
-    (fmi3FMUState) => {
-        &State
-    };
-    (fmi2Boolean) => {
-        bool
-    };
-    (fmi3Boolean) => {
-        bool
-    };
-    ($type:ty) => {
-        $type
-    };
-}
-
-/// Declares a length.
-macro_rules! prepare {
-    ($n:ident [len]) => {
-        let mut $n = usize::MAX;
-    };
-    ($arg:ident $kind:tt) => {};
-}
-
-/// Limits a length to the length of an array.
-macro_rules! measure {
-    ($arg:ident [$way:ident $(?)? $type:ident; $n:ident]) => {
-        $n = $n.min($arg.len());
-    };
-    ($arg:ident $kind:tt) => {};
-}
-
-/// What is passed to the function.
-macro_rules! c_value {
-    ($arg:ident [in $(?)? $type:ident; $n:ident]) => {
-        $arg.as_ptr().cast()
-    };
-    ($arg:ident [out $(?)? $type:ident; $n:ident]) => {
-        $arg.as_mut_ptr().cast()
-    };
-    ($arg:ident [out $(?)? $type:ident]) => {
-        (&raw mut *$arg).cast()
-    };
-    ($arg:ident $kind:tt) => {
-        $arg.into()
-    };
-}
-
-// The functions of FMI 3.0 are not inlined, so that the functions of FMI 2.0, which are shorter, are.
-fmi2_functions!(functions! always Fmi2 fmi2);
-fmi3_functions!(functions! never Fmi3 fmi3);

@@ -12,7 +12,9 @@
 
 mod access;
 pub mod environment;
-mod function;
+mod fork;
+mod function_instance;
+mod functions;
 mod instance;
 mod library;
 mod logger;
@@ -22,17 +24,20 @@ mod resources;
 #[cfg(feature = "sandbox")]
 mod sandbox;
 mod shared_memory;
+mod step;
+mod types;
 
 pub use access::operation;
 pub use fmi_abi::{FmiVersion, InterfaceType, fmi2, fmi3};
-pub use function::Step;
-pub use instance::{
-    Completed, Instance, Instantiation, Limits, Number, State, Stepped, Treatment, Update,
-    allocations,
-};
+pub use fork::{ForkGuard, ProcessOwned};
+pub use function_instance::StepFunction;
+pub use instance::{Instance, Number, allocations};
 pub use library::{Library, LoadError};
-pub use logger::{Logged, OnIntermediate, stray_messages};
+pub use logger::{LogMessage, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
-pub use quick::{Listed, Unusual};
+pub use quick::{NotOk, StepVariables};
 pub use resources::{resource_path, uri};
-pub use shared_memory::{Origin, Owned, SharedMemory};
+pub use shared_memory::SharedMemory;
+pub use types::{
+    CompletedStep, DiscreteStatesUpdate, FmuState, Instantiation, Limits, StepResult, Treatment,
+};

@@ -19,7 +19,7 @@ use crate::outcome::Status;
 
 /// A log message of an FMU.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Logged {
+pub struct LogMessage {
     /// The name of the instance, as the FMU passes it.
     pub instance: Option<String>,
     /// The status of the message.
@@ -31,7 +31,7 @@ pub struct Logged {
 }
 
 /// Receives the log messages of an instance, possibly on a thread that the FMU has started.
-type Sink = dyn Fn(Logged) + Send + Sync;
+type Sink = dyn Fn(LogMessage) + Send + Sync;
 
 /// Is called for each intermediate update.
 pub type OnIntermediate = Arc<dyn Fn() + Send + Sync>;
@@ -100,7 +100,7 @@ unsafe extern "C" fn log(
     deliver(environment, || {
         // SAFETY: the caller's promise.
         unsafe {
-            Logged {
+            LogMessage {
                 instance: text(instance),
                 status: status.into(),
                 category: text(category),
@@ -123,7 +123,7 @@ pub(crate) unsafe extern "C" fn log_3(
     deliver(environment, || {
         // SAFETY: the caller's promise.
         let (category, text) = unsafe { (text(category), text(message)) };
-        Logged {
+        LogMessage {
             instance: None,
             status: Status::of(FmiVersion::Fmi3, status),
             category,
@@ -139,7 +139,7 @@ pub(crate) fn unescaped(text: &str) -> String {
 }
 
 /// Passes a message to the sink of an instance; does not unwind.
-pub(crate) fn deliver(environment: *mut c_void, logged: impl FnOnce() -> Logged) {
+pub(crate) fn deliver(environment: *mut c_void, logged: impl FnOnce() -> LogMessage) {
     let Some(Callbacks { sink, .. }) = registered(environment) else {
         STRAY.fetch_add(1, Ordering::Relaxed);
         return;
@@ -366,7 +366,7 @@ mod tests {
         unsafe { std::mem::transmute(logger()) }
     }
 
-    type Received = Arc<Mutex<Vec<Logged>>>;
+    type Received = Arc<Mutex<Vec<LogMessage>>>;
 
     fn received() -> (Received, Registered) {
         let received = Received::default();

@@ -24,9 +24,9 @@ use wasmtime::{Config, Engine, Module, ResourceLimiter, Store, Trap};
 use self::abi::{Answer, Fault, Given};
 use self::cycle::{Cycle, Cycling};
 use self::link::{Function, Linked, Parts};
-use crate::instance::{Instantiation, State as Saved, Treatment};
-use crate::logger::{self, Logged};
+use crate::logger::{self, LogMessage};
 use crate::outcome::{Cause, Failure, Result, Status};
+use crate::types::{FmuState as Saved, Instantiation, Treatment};
 
 /// What is returned besides the statuses of the standard.
 const TRAPPED: fmi3Status = fmi3Status(-1);
@@ -353,7 +353,7 @@ fn keep(file: &Path, code: &[u8]) -> std::io::Result<()> {
 }
 
 impl Data {
-    fn log(&self, message: Logged) {
+    fn log(&self, message: LogMessage) {
         if self.has_logger {
             logger::deliver(ptr::without_provenance_mut(self.callbacks), || message);
         }
@@ -383,7 +383,7 @@ impl Data {
     fn end_line(&mut self, status: Status) {
         let text = String::from_utf8_lossy(&self.printed).trim_end().to_owned();
         self.printed.clear();
-        self.log(Logged { instance: None, status, category: Some("output".to_owned()), text });
+        self.log(LogMessage { instance: None, status, category: Some("output".to_owned()), text });
     }
 
     /// Says why a call did not return.
@@ -397,7 +397,7 @@ impl Data {
             (None, _) => error.root_cause().to_string(),
         };
         let category = Some("logStatusFatal".to_owned());
-        self.log(Logged { instance: None, status: Status::Fatal, category, text });
+        self.log(LogMessage { instance: None, status: Status::Fatal, category, text });
     }
 }
 

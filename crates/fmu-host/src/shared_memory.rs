@@ -1,18 +1,14 @@
-//! Memory that several processes share, and what a forked process does not have.
+//! Memory that several processes share.
 
-#[cfg(target_os = "linux")]
-use std::ffi::{c_int, c_void};
 use std::fmt::Debug;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
-use std::mem::ManuallyDrop;
-use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use memmap2::{MmapMut, MmapOptions};
+use memmap2::MmapOptions;
 
 /// A file mapped to memory. What one process writes is visible to the others, and survives it. Clones
 /// share the memory.
@@ -83,93 +79,6 @@ impl SharedMemory {
         // SAFETY: as above; all constructors make at least so many words.
         unsafe { self.words.cast().as_ref() }
     }
-}
-
-/// Tells the process that made it from one that was forked from it, without a call of the system if it offers
-/// memory that is zero in a forked process.
-#[derive(Debug)]
-pub struct Origin {
-    page: Option<MmapMut>,
-    process: u32,
-}
-
-impl Origin {
-    /// The origin of this process.
-    ///
-    /// # Errors
-    /// There is no memory left.
-    pub fn of_this_process() -> io::Result<Self> {
-        let mut page = MmapMut::map_anon(1)?;
-        page[0] = 1;
-        Ok(Self { page: is_wiped_by_fork(&page).then_some(page), process: std::process::id() })
-    }
-
-    /// Whether this process is the one that made it.
-    #[inline]
-    pub fn is_this_process(&self) -> bool {
-        match &self.page {
-            Some(page) => page[0] == 1,
-            None => std::process::id() == self.process,
-        }
-    }
-}
-
-/// Something that exists once for the system, such as a temporary folder or a child process. Only the process that
-/// made it drops it: in a process that was forked from that one, the drop leaves it alone.
-#[derive(Debug)]
-pub struct Owned<T> {
-    value: ManuallyDrop<T>,
-    process: u32,
-}
-
-impl<T> Owned<T> {
-    /// A value of this process.
-    pub fn new(value: T) -> Self {
-        Self { value: ManuallyDrop::new(value), process: std::process::id() }
-    }
-
-    /// Whether this process is the one that made it.
-    pub fn is_of_this_process(&self) -> bool {
-        std::process::id() == self.process
-    }
-}
-
-impl<T> Deref for Owned<T> {
-    type Target = T;
-
-    fn deref(&self) -> &T {
-        &self.value
-    }
-}
-
-impl<T> DerefMut for Owned<T> {
-    fn deref_mut(&mut self) -> &mut T {
-        &mut self.value
-    }
-}
-
-impl<T> Drop for Owned<T> {
-    fn drop(&mut self) {
-        if self.is_of_this_process() {
-            // SAFETY: the value is not used again.
-            unsafe { ManuallyDrop::drop(&mut self.value) }
-        }
-    }
-}
-
-#[cfg(target_os = "linux")]
-fn is_wiped_by_fork(page: &MmapMut) -> bool {
-    const MADV_WIPEONFORK: c_int = 18;
-    unsafe extern "C" {
-        fn madvise(address: *mut c_void, length: usize, advice: c_int) -> c_int;
-    }
-    // SAFETY: the memory is a private anonymous map of its own, and stays as it is in this process.
-    unsafe { madvise(page.as_ptr().cast_mut().cast(), page.len(), MADV_WIPEONFORK) == 0 }
-}
-
-#[cfg(not(target_os = "linux"))]
-fn is_wiped_by_fork(_: &MmapMut) -> bool {
-    false
 }
 
 #[cfg(test)]

@@ -8,12 +8,12 @@ use std::sync::{Arc, Mutex};
 
 use fmu_description::{Type, Value};
 use fmu_host::{
-    Cause, Failure, FmiVersion, Instance, Instantiation, InterfaceType, Library, Logged, Status,
-    Success,
+    Cause, Failure, FmiVersion, Instance, Instantiation, InterfaceType, Library, LogMessage,
+    Status, Success,
 };
 use tempfile::TempDir;
 
-type Log = Arc<Mutex<Vec<Logged>>>;
+type Log = Arc<Mutex<Vec<LogMessage>>>;
 
 /// Compiles a copy of the FMU for each test, since a fatal error makes it unusable.
 fn compile() -> (TempDir, std::path::PathBuf) {
@@ -90,7 +90,7 @@ fn a_wrong_token_gives_no_instance_and_a_message() {
     let wrong = Instantiation { guid: "{other}", ..arguments() };
     let (instance, log) = instantiate(&library(), &wrong);
     assert!(instance.is_none());
-    let expected = Logged {
+    let expected = LogMessage {
         instance: None,
         status: Status::Error,
         category: Some("logStatusError".into()),

@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 
 use fmu_description::{FmiVersion, Type};
-use fmu_host::{Listed, operation};
+use fmu_host::{StepVariables, operation};
 use fmu_worker::Function;
 
 use crate::Fmu;
@@ -64,7 +64,7 @@ impl AccessList {
     }
 
     /// The variables, whose elements are in a slice from this place on.
-    pub(crate) fn from_place(&self, first: usize) -> Listed {
-        Listed::new(&self.references, first..first + self.elements)
+    pub(crate) fn from_place(&self, first: usize) -> StepVariables {
+        StepVariables::new(&self.references, first..first + self.elements)
     }
 }

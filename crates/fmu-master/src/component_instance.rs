@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::{Causality, Type, Value};
-use fmu_host::{Cause, Instance, InterfaceType, Listed, Status, Success, Unusual};
+use fmu_host::{Cause, Instance, InterfaceType, NotOk, Status, StepVariables, Success};
 use fmu_worker::Function;
 
 use crate::access_list::{AccessList, accessor};
@@ -61,7 +61,8 @@ impl<'a> ComponentInstance<'a> {
         let floats = groups.first();
         if let Some(VariableGroup { inputs, direct_inputs, direct_outputs, .. }) = floats {
             let set_at_steps = direct_inputs.clone().unwrap_or_else(|| inputs.from_place(0));
-            let get_at_steps = direct_outputs.clone().unwrap_or_else(|| Listed::new(&[], 0..0));
+            let get_at_steps =
+                direct_outputs.clone().unwrap_or_else(|| StepVariables::new(&[], 0..0));
             instance.access_at_steps(set_at_steps, get_at_steps);
         }
         let are_outputs_direct = floats.is_some_and(|group| group.direct_outputs.is_some());
@@ -238,7 +239,7 @@ impl<'a> ComponentInstance<'a> {
     fn end_cycle(
         &mut self,
         done: usize,
-        outcome: Unusual,
+        outcome: NotOk,
         outputs: &mut Store,
         time: f64,
         step: f64,

@@ -14,7 +14,7 @@ use fmu_description::{
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
-use fmu_host::{Instance, Instantiation, InterfaceType, Library, Limits, LoadError, Owned};
+use fmu_host::{Instance, Instantiation, InterfaceType, Library, Limits, LoadError, ProcessOwned};
 use tempfile::TempDir;
 
 use crate::{Advice, Function, Messages, Sandbox};
@@ -69,7 +69,7 @@ struct UnpackedBinary {
     /// Loaded by the first instance, and the location of its resources. Must be dropped before the folder, which
     /// removes the file.
     library: OnceLock<Result<(Arc<Library>, String), LoadError>>,
-    folder: Owned<TempDir>,
+    folder: ProcessOwned<TempDir>,
     token: String,
     limits: Limits,
     /// The log categories of warnings and errors, if it declares those of the standard.
@@ -166,7 +166,7 @@ impl Fmu {
             code: Code::Binary(UnpackedBinary {
                 file: binary,
                 library: OnceLock::new(),
-                folder: Owned::new(folder),
+                folder: ProcessOwned::new(folder),
                 token: model.token().to_owned(),
                 limits: Limits {
                     call: sandbox.call,

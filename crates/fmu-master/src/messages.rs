@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use fmu_file::text::plain;
-use fmu_host::{Logged, Status};
+use fmu_host::{LogMessage, Status};
 use fmu_worker::{Call, Record};
 use serde::{Deserialize, Serialize};
 
@@ -77,7 +77,7 @@ impl Messages {
     }
 
     /// Stores a message of an instance.
-    pub(crate) fn log(&self, instance: &str, logged: &Logged) {
+    pub(crate) fn log(&self, instance: &str, logged: &LogMessage) {
         let text = plain(logged.text.trim_end(), MAX_CHARACTERS);
         self.0.record.log(&text);
         self.keep(instance, logged.status != Status::Ok, text);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result, bail, ensure};
 use fmu_file::archive::{self, Archive};
-use fmu_host::Owned;
+use fmu_host::ProcessOwned;
 use tempfile::TempDir;
 
 use crate::note::Advice;
@@ -59,7 +59,7 @@ pub(crate) struct StructureFile {
     file: PathBuf,
     folder: PathBuf,
     /// The folder of a package, which files must not leave.
-    unpacked: Option<Owned<TempDir>>,
+    unpacked: Option<ProcessOwned<TempDir>>,
 }
 
 impl StructureFile {
@@ -79,7 +79,7 @@ impl StructureFile {
             folder.join(STRUCTURE_FILE).exists(),
             "it is not an SSP package: it has no {STRUCTURE_FILE} at its root"
         );
-        Ok(Self { file: file.to_owned(), folder, unpacked: Some(Owned::new(unpacked)) })
+        Ok(Self { file: file.to_owned(), folder, unpacked: Some(ProcessOwned::new(unpacked)) })
     }
 
     /// Whether its files are in a package.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Value, Variability, Variable};
-use fmu_host::{Instance, InterfaceType, State};
+use fmu_host::{FmuState, Instance, InterfaceType};
 use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
@@ -147,7 +147,7 @@ impl Names {
 
 /// A saved state, and that of the integration.
 struct Saved {
-    state: State,
+    state: FmuState,
     time: f64,
     integrator: Option<Box<Integrator<'static>>>,
 }

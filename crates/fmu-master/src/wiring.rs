@@ -17,7 +17,7 @@
 use std::collections::{HashMap, HashSet};
 
 use fmu_description::{FmiVersion, Type};
-use fmu_host::Listed;
+use fmu_host::StepVariables;
 use fmu_worker::Function;
 
 use crate::access_list::{AccessList, accessor};
@@ -59,7 +59,7 @@ pub(crate) struct VariableGroup {
     pub(crate) sources: Vec<InputSource>,
     /// The values of all inputs in the store, if they follow each other there as Float64 and need no conversion: they
     /// are set directly from the store.
-    pub(crate) direct_inputs: Option<Listed>,
+    pub(crate) direct_inputs: Option<StepVariables>,
     /// The Float64 values in the store that inputs take without a conversion, and the positions of these inputs.
     pub(crate) copied_inputs: Vec<Transfer>,
     /// The outputs, once each, and the place of the first in the store; the others follow.
@@ -67,7 +67,7 @@ pub(crate) struct VariableGroup {
     pub(crate) first_output: Place,
     /// The values of all outputs in the store, if they are Float64 and all elements: they are got directly into the
     /// store.
-    pub(crate) direct_outputs: Option<Listed>,
+    pub(crate) direct_outputs: Option<StepVariables>,
 }
 
 /// The source of the value of an input.

@@ -16,7 +16,7 @@ use fmu_master::{
     Column, Experiment, FailedCall, Message, Messages, Note, Plan, Row, RunError, Statistics,
     Summary,
 };
-use fmu_worker::{Limits, Owned, Worker, available_memory};
+use fmu_worker::{Limits, ProcessOwned, Worker, available_memory};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyDict, PyString, PyTuple};
@@ -50,7 +50,7 @@ struct Outcome {
 pub struct Runner {
     program: Vec<OsString>,
     keeps: bool,
-    idle: Owned<Mutex<Vec<Kept>>>,
+    idle: ProcessOwned<Mutex<Vec<Kept>>>,
 }
 
 /// What is kept of a run for the next one.
@@ -68,7 +68,7 @@ impl Runner {
     /// they stay loaded while the same system is run, once for each run at the same time.
     #[new]
     fn new(program: Vec<OsString>, keeps: bool) -> Self {
-        Self { program, keeps, idle: Owned::new(Mutex::default()) }
+        Self { program, keeps, idle: ProcessOwned::new(Mutex::default()) }
     }
 
     /// Runs a system, whose functions call `steps`; returns a dict with the columns and what else there is to tell.

@@ -9,7 +9,7 @@ use cargo_fmu::session::Session;
 use fmu_description::{Value, Variable};
 use fmu_master::stepped_fmu::{Names, Request, Response, Setup, SteppedFmu};
 use fmu_master::{Literal, RunError};
-use fmu_worker::{Event, Owned, Record, Worker};
+use fmu_worker::{Event, ProcessOwned, Record, Worker};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -33,7 +33,7 @@ enum Place {
 pub struct Instance {
     names: Names,
     /// A forked process must not wait for a thread that it does not have.
-    place: Owned<Mutex<Option<Place>>>,
+    place: ProcessOwned<Mutex<Option<Place>>>,
     is_here: bool,
     /// States that are no longer needed. The next call of `save` frees them.
     forgotten: Mutex<Vec<u64>>,
@@ -192,7 +192,7 @@ impl Instance {
             receive(py, worker, &names)?;
         }
         let is_here = program.is_empty();
-        let place = Owned::new(Mutex::new(Some(place)));
+        let place = ProcessOwned::new(Mutex::new(Some(place)));
         Ok(Self { names, place, is_here, forgotten: Mutex::default() })
     }
 

@@ -41,7 +41,7 @@ mod record;
 mod supervisor;
 mod worker;
 
-pub use fmu_host::Owned;
+pub use fmu_host::ProcessOwned;
 pub use record::{Call, Calls, Function, Record, Snapshot};
 pub use supervisor::{Ended, Event, Limits, SLOW, Worker, available_memory};
 pub use worker::Service;

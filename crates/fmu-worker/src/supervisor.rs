@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use fmu_host::{Owned, SharedMemory};
+use fmu_host::{ProcessOwned, SharedMemory};
 use serde::{Deserialize, Serialize};
 
 use crate::channel::{FOLDER, RECORD, REPLIES, Receiver, SUPERVISOR, Sender, TASKS, WORDS, decode};
@@ -88,7 +88,7 @@ impl fmt::Display for Ended {
 /// is dropped. A process that is forked from the one that has started it can neither use nor end it.
 #[derive(Debug)]
 pub struct Worker {
-    process: Owned<Process>,
+    process: ProcessOwned<Process>,
     record: Record,
     tasks: Sender,
     replies: Receiver,
@@ -160,7 +160,7 @@ impl Worker {
         let child = command.stdin(Stdio::null()).spawn()?;
         let now = Instant::now();
         Ok(Self {
-            process: Owned::new(Process { child, folder }),
+            process: ProcessOwned::new(Process { child, folder }),
             call: record.call(),
             record,
             tasks: Sender::new(tasks),

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use fmu_host::Origin;
+use fmu_host::ForkGuard;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -20,7 +20,7 @@ use crate::record::Record;
 pub struct Service {
     folder: PathBuf,
     record: Record,
-    origin: Origin,
+    fork_guard: ForkGuard,
     tasks: Receiver,
     replies: Sender,
     /// The bytes of the last reply, so that a reply allocates nothing if it is not longer.
@@ -60,7 +60,7 @@ impl Service {
         Ok(Self {
             folder: folder.to_owned(),
             record: Record::open(&folder.join(RECORD))?,
-            origin: Origin::of_this_process()?,
+            fork_guard: ForkGuard::new()?,
             tasks: Receiver::new(channel::open(&folder.join(TASKS), WORDS)?),
             replies: Sender::new(channel::open(&folder.join(REPLIES), WORDS)?),
             buffer: Vec::new(),
@@ -90,7 +90,7 @@ impl Service {
     /// # Panics
     /// The reply cannot be serialized.
     pub fn reply<T: Serialize>(&mut self, reply: &T) {
-        if !self.origin.is_this_process() {
+        if !self.fork_guard.is_this_process() {
             self.end_second_process();
         }
         self.buffer.clear();

@@ -54,7 +54,7 @@ pub struct Subject<'a> {
     /// Whether the FMU has clocks, and whether the host must let some of them tick, which no test does.
     has_clocks: bool,
     pub needs_ticks: bool,
-    pub logged: Arc<Mutex<Logged>>,
+    pub logged: Arc<Mutex<LogCounts>>,
     /// The only log category that the FMU is to use, if one was chosen.
     pub chosen: Arc<Mutex<Option<String>>>,
     /// Number of intermediate updates.
@@ -63,7 +63,7 @@ pub struct Subject<'a> {
 
 /// How many messages were logged.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Logged {
+pub struct LogCounts {
     pub uncategorized: usize,
     /// Messages with a category that the XML does not list, though it lists some.
     pub undeclared: usize,
@@ -243,7 +243,7 @@ impl<'a> Subject<'a> {
         let categories = self.model.root.list("LogCategories", "Category");
         let categories = categories.filter_map(|category| category.attribute("name"));
         let categories: HashSet<String> = categories.map(str::to_owned).collect();
-        let sink = move |message: fmu_host::Logged| {
+        let sink = move |message: fmu_host::LogMessage| {
             let (category, is_ok) = (message.category.as_ref(), message.status == Status::Ok);
             let is_known = |category| categories.is_empty() || categories.contains(category);
             let mut count = lock(&logged);

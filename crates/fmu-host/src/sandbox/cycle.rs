@@ -8,8 +8,8 @@ use wasmtime::{Error, Memory, Result, Store, TypedFunc};
 use super::abi::{self, ARGUMENTS};
 use super::link::Function;
 use super::{Data, Instance};
-use crate::instance::Stepped;
-use crate::quick::Listed;
+use crate::quick::StepVariables;
+use crate::types::StepResult;
 
 /// Gets what stands for the instance and the place of a [`Cycle`]'s record, and returns a status.
 pub(super) type Cycling = TypedFunc<(u32, u32), u32>;
@@ -30,7 +30,7 @@ const STEPPED: usize = 24;
 const LISTS: [usize; 2] = [40, 56];
 
 /// How many of the calls were made, the status of the last one, and what a step has returned.
-pub(crate) type Cycled = (usize, fmi3Status, Stepped);
+pub(crate) type Cycled = (usize, fmi3Status, StepResult);
 
 impl Cycle {
     /// `set` is a function that gets lists.
@@ -49,10 +49,10 @@ impl Cycle {
     fn write_lists(
         &self,
         store: &mut Store<Data>,
-        listed: [&Listed; 2],
+        listed: [&StepVariables; 2],
     ) -> Option<[Range<usize>; 2]> {
         let memory = self.bytes(store).ok()?;
-        let places = listed.map(Listed::place);
+        let places = listed.map(StepVariables::place);
         let lengths = places.each_ref().map(Range::len);
         let (mut values, size) = (RECORD, size_of::<f64>());
         let mut references = values + size * lengths.iter().sum::<usize>();
@@ -71,7 +71,7 @@ impl Cycle {
 
 impl Instance {
     /// Says which variables every step sets and gets.
-    pub(crate) fn access_at_steps(&mut self, set: &Listed, get: &Listed) {
+    pub(crate) fn access_at_steps(&mut self, set: &StepVariables, get: &StepVariables) {
         if let Some(cycle) = &mut self.cycle {
             cycle.places = cycle.write_lists(&mut self.store, [set, get]);
         }
@@ -114,7 +114,7 @@ impl Instance {
         }
         let [last @ .., event, terminate, early] =
             memory[STEPPED..].first_chunk::<11>().copied().unwrap_or_default();
-        let stepped = Stepped {
+        let stepped = StepResult {
             event_handling_needed: event != fmi3False,
             terminate: terminate != fmi3False,
             early_return: early != fmi3False,

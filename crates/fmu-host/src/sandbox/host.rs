@@ -8,7 +8,7 @@ use wasmtime::{Caller, Error, Func, FuncType, Memory, Result, Store, Val};
 
 use super::Data;
 use super::abi;
-use crate::logger::{self, Logged};
+use crate::logger::{self, LogMessage};
 use crate::outcome::Status;
 
 /// The stream of errors; all others are 0.
@@ -59,7 +59,7 @@ impl Call<'_> {
                 let (instance, status) = (Some(self.text(0)?), abi::status(self.word(2)?)?);
                 let (category, text) = (Some(self.text(3)?), logger::unescaped(&self.text(5)?));
                 let status = Status::from(status.0);
-                self.caller.data().log(Logged { instance, status, category, text });
+                self.caller.data().log(LogMessage { instance, status, category, text });
             }
             "clock-update" | "lock-preemption" | "unlock-preemption" => {}
             "intermediate-update" => {

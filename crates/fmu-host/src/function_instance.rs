@@ -10,18 +10,18 @@ use fmu_description::Value;
 
 use crate::instance::Instance;
 use crate::library::{Binary, Library};
-use crate::logger::{Logged, Registered, deliver};
+use crate::logger::{LogMessage, Registered, deliver};
 use crate::outcome::Status;
 
 /// What an instance does in a step: it receives the time, the size of the step (s) and the values of all
 /// variables, of which it changes the outputs. An error is a log message, and fails the step.
-pub type Step = Box<dyn FnMut(f64, f64, &mut [Value]) -> Result<(), String> + Send>;
+pub type StepFunction = Box<dyn FnMut(f64, f64, &mut [Value]) -> Result<(), String> + Send>;
 
 /// An instance whose step is a function.
 struct Running {
     /// The values of the variables, which are Float64, Int64 or Boolean; a value reference is an index.
     values: Vec<Value>,
-    step: Step,
+    step: StepFunction,
     environment: *mut c_void,
 }
 
@@ -31,8 +31,8 @@ impl Instance {
     /// errors. Other functions than those that a master needs are missing.
     pub fn of_function(
         values: Vec<Value>,
-        step: Step,
-        sink: impl Fn(Logged) + Send + Sync + 'static,
+        step: StepFunction,
+        sink: impl Fn(LogMessage) + Send + Sync + 'static,
     ) -> Self {
         let mut library = Library::new(Binary::Function, FmiVersion::Fmi3);
         library.fmi3 = Functions {
@@ -52,7 +52,7 @@ impl Instance {
         let registered = Registered::new(Arc::new(sink), None);
         let running = Running { values, step, environment: registered.environment() };
         let mut instance = Self::new(&Arc::new(library), registered, None);
-        instance.pointer = Box::into_raw(Box::new(running)).cast();
+        instance.handle.pointer = Box::into_raw(Box::new(running)).cast();
         instance
     }
 }
@@ -151,7 +151,7 @@ unsafe extern "C" fn do_step(
             fmi3OK
         }
         Err(text) => {
-            deliver(running.environment, || Logged {
+            deliver(running.environment, || LogMessage {
                 instance: None,
                 status: Status::Error,
                 category: None,
