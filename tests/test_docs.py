@@ -118,6 +118,25 @@ def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> N
     shell("cargo test", package)
 
 
+def test_the_map_names_files_and_items_that_exist() -> None:
+    """ARCHITECTURE.md gives files without their crate, and items without their file."""
+    folders = ("crates", "docs", "modelDescription", "fmu-controller", "python", "tests")
+    files = [
+        path
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in {".rs", ".py", ".wit"}
+    ]
+    page = PAGES["ARCHITECTURE.md"]
+    places = [f"/{path.relative_to(ROOT)}" for path in files]
+    for name in re.findall(r"`([\w./-]+\.(?:rs|py|wit))`", page):
+        assert any(place.endswith(f"/{name}") for place in places), name
+    code = "\n".join(path.read_text(encoding="utf-8") for path in files)
+    words = {*re.findall(r"\w+", code)}
+    for item in re.findall(r"`([A-Z]\w+(?:::\w+)?)`", page):
+        assert {*item.split("::")} <= words, item
+
+
 def test_programs_in_rust_are_examples() -> None:
     """What `test_commands_and_programs_run` runs is what the page shows."""
     blocks = BLOCK.findall(PAGES["docs/rust.md"])
