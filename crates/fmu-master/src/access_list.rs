@@ -64,7 +64,7 @@ impl AccessList {
     }
 
     /// The variables, whose elements are in a slice from this place on.
-    pub(crate) fn from_place(&self, first: usize) -> StepVariables {
+    pub(crate) fn placed_at(&self, first: usize) -> StepVariables {
         StepVariables::new(&self.references, first..first + self.elements)
     }
 }

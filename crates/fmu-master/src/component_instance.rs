@@ -12,15 +12,15 @@ use fmu_worker::Function;
 use crate::access_list::{AccessList, accessor};
 use crate::components::LoadedComponent;
 use crate::integrator::Integrator;
-use crate::recorded_instance::{RecordedInstance, StepError, functions};
-use crate::start::StartValues;
+use crate::recorded_instance::{IntegrationError, RecordedInstance, functions};
+use crate::start::ComponentStarts;
 use crate::store::{Store, Transfer, number};
 use crate::table_inputs::TableInputs;
 use crate::wiring::{FeedingOutputs, VariableGroup};
 use crate::{FailedCall, Fmu, Messages, RunError};
 
 /// The outcome of a call.
-pub(crate) type Called<T = ()> = Result<T, Box<RunError>>;
+pub(crate) type CallResult<T = ()> = Result<T, Box<RunError>>;
 
 /// A component in one run. The groups of its variables are described in [`wiring`](crate::wiring).
 pub(crate) struct ComponentInstance<'a> {
@@ -50,7 +50,7 @@ impl<'a> ComponentInstance<'a> {
         index: usize,
         component: &LoadedComponent,
         groups: &'a [VariableGroup],
-        starts: &StartValues<'_>,
+        starts: &ComponentStarts<'_>,
         messages: &Messages,
     ) -> Result<Self> {
         let LoadedComponent { name, fmu, .. } = component;
@@ -60,7 +60,7 @@ impl<'a> ComponentInstance<'a> {
         // An FMU that is stepped by hand has no groups.
         let floats = groups.first();
         if let Some(VariableGroup { inputs, direct_inputs, direct_outputs, .. }) = floats {
-            let set_at_steps = direct_inputs.clone().unwrap_or_else(|| inputs.from_place(0));
+            let set_at_steps = direct_inputs.clone().unwrap_or_else(|| inputs.placed_at(0));
             let get_at_steps =
                 direct_outputs.clone().unwrap_or_else(|| StepVariables::new(&[], 0..0));
             instance.access_at_steps(set_at_steps, get_at_steps);
@@ -95,7 +95,7 @@ impl<'a> ComponentInstance<'a> {
         operation: &str,
         what: impl Display,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
-    ) -> Called {
+    ) -> CallResult {
         self.recorded.calls.begin(Function::performing(self.fmu.version, operation));
         let outcome = call(&mut self.recorded.instance);
         self.check(outcome, || what.to_string())
@@ -107,8 +107,8 @@ impl<'a> ComponentInstance<'a> {
         &mut self,
         (start, stop): (f64, Option<f64>),
         tolerance: Option<f64>,
-        starts: &StartValues<'_>,
-    ) -> Called {
+        starts: &ComponentStarts<'_>,
+    ) -> CallResult {
         self.call("setup_experiment", "set-up of the experiment", |instance| {
             instance.setup_experiment(start, stop, tolerance)
         })?;
@@ -131,7 +131,7 @@ impl<'a> ComponentInstance<'a> {
         self.set_starts(starts, |scalar| !is_size(scalar))
     }
 
-    pub(crate) fn enter_initialization(&mut self) -> Called {
+    pub(crate) fn enter_initialization(&mut self) -> CallResult {
         self.call(
             "enter_initialization_mode",
             "start of the initialization",
@@ -139,7 +139,7 @@ impl<'a> ComponentInstance<'a> {
         )
     }
 
-    pub(crate) fn exit_initialization(&mut self) -> Called {
+    pub(crate) fn exit_initialization(&mut self) -> CallResult {
         self.call(
             "exit_initialization_mode",
             "end of the initialization",
@@ -150,7 +150,7 @@ impl<'a> ComponentInstance<'a> {
     /// Handles a warning or an error of a call.
     #[cold]
     #[inline(never)]
-    fn check(&mut self, outcome: fmu_host::Result, what: impl FnOnce() -> String) -> Called {
+    fn check(&mut self, outcome: fmu_host::Result, what: impl FnOnce() -> String) -> CallResult {
         let failure = match outcome {
             Ok(Success::Ok) => return Ok(()),
             Ok(Success::Warning(function)) => {
@@ -180,7 +180,7 @@ impl<'a> ComponentInstance<'a> {
     /// Takes a step. Whether the system is `PLAIN`, with neither model exchange nor faults, is known at compile
     /// time, so that a plain system does not ask at each step.
     #[inline(always)]
-    pub(crate) fn step<const PLAIN: bool>(&mut self, time: f64, step: f64) -> Called {
+    pub(crate) fn step<const PLAIN: bool>(&mut self, time: f64, step: f64) -> CallResult {
         if !PLAIN && let Some(integrator) = &mut self.integrator {
             let stepped = integrator.step(&mut self.recorded, time, step);
             if stepped.is_ok() {
@@ -202,7 +202,7 @@ impl<'a> ComponentInstance<'a> {
 
     /// Sets its inputs, takes a step and gets its outputs, in a plain system.
     #[inline(always)]
-    pub(crate) fn cycle(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called {
+    pub(crate) fn cycle(&mut self, outputs: &mut Store, time: f64, step: f64) -> CallResult {
         match self.copied.is_empty() {
             true => self.cycle_from::<false>(outputs, time, step),
             false => self.cycle_from_copies(outputs, time, step),
@@ -210,7 +210,7 @@ impl<'a> ComponentInstance<'a> {
     }
 
     #[inline(never)]
-    fn cycle_from_copies(&mut self, outputs: &mut Store, time: f64, step: f64) -> Called {
+    fn cycle_from_copies(&mut self, outputs: &mut Store, time: f64, step: f64) -> CallResult {
         self.copy(outputs);
         self.cycle_from::<true>(outputs, time, step)
     }
@@ -222,7 +222,7 @@ impl<'a> ComponentInstance<'a> {
         outputs: &mut Store,
         time: f64,
         step: f64,
-    ) -> Called {
+    ) -> CallResult {
         let RecordedInstance { instance, calls, .. } = &mut self.recorded;
         let functions = [self.set, self.do_step, self.get];
         let begin = |call: usize| calls.continue_call(functions[call]);
@@ -243,7 +243,7 @@ impl<'a> ComponentInstance<'a> {
         outputs: &mut Store,
         time: f64,
         step: f64,
-    ) -> Called {
+    ) -> CallResult {
         match (done, outcome) {
             (_, None) => {}
             (1, Some(outcome)) => self.check_writing_reals(*outcome, outputs)?,
@@ -268,7 +268,7 @@ impl<'a> ComponentInstance<'a> {
         inputs: Option<TableInputs<'a>>,
         tolerance: Option<f64>,
         times: (f64, f64),
-    ) -> Called {
+    ) -> CallResult {
         if self.fmu.interface_type == InterfaceType::ModelExchange {
             let (fmu, groups) = (self.fmu.clone(), self.groups);
             let begun =
@@ -282,11 +282,15 @@ impl<'a> ComponentInstance<'a> {
 
     /// The failure of an integration.
     #[cold]
-    pub(crate) fn integration_error(&mut self, error: StepError, what: String) -> Box<RunError> {
+    pub(crate) fn integration_error(
+        &mut self,
+        error: IntegrationError,
+        what: String,
+    ) -> Box<RunError> {
         let (failure, what) = match error {
-            StepError::Call(failure, place) if place.is_empty() => (failure, what),
-            StepError::Call(failure, place) => (failure, format!("{place}, {what}")),
-            StepError::Equations { reason, .. } => {
+            IntegrationError::Call(failure, place) if place.is_empty() => (failure, what),
+            IntegrationError::Call(failure, place) => (failure, format!("{place}, {what}")),
+            IntegrationError::Equations { reason, .. } => {
                 return Box::new(self.error("", what, reason));
             }
         };
@@ -296,7 +300,7 @@ impl<'a> ComponentInstance<'a> {
     /// Handles a warning or an error of a step. Whether a discarded step of FMI 2.0 ends the simulation is asked
     /// for, as few FMUs can tell.
     #[cold]
-    fn check_step(&mut self, outcome: fmu_host::Result, time: f64, step: f64) -> Called {
+    fn check_step(&mut self, outcome: fmu_host::Result, time: f64, step: f64) -> CallResult {
         let is_discarded =
             matches!(&outcome, Err(f) if f.cause == Cause::Returned(Status::Discard));
         let checked = self.check(outcome, || format!("step of {step:?} s"));
@@ -313,7 +317,7 @@ impl<'a> ComponentInstance<'a> {
 
     /// Gets its outputs into the store, each once; in a `PLAIN` system, all are direct.
     #[inline(always)]
-    pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> Called {
+    pub(crate) fn read<const PLAIN: bool>(&mut self, outputs: &mut Store) -> CallResult {
         self.recorded.calls.continue_call(self.get);
         if let Some(outcome) = self.recorded.instance.get_at_step(&mut outputs.reals) {
             self.check_reading(*outcome, &self.groups[0].outputs)?;
@@ -322,7 +326,7 @@ impl<'a> ComponentInstance<'a> {
     }
 
     #[inline(never)]
-    fn read_others(&mut self, outputs: &mut Store) -> Called {
+    fn read_others(&mut self, outputs: &mut Store) -> CallResult {
         for group in self.distributed {
             let values = self.get(group.access_type, group.get, &group.outputs)?;
             for (index, value) in values.into_iter().enumerate() {
@@ -338,7 +342,7 @@ impl<'a> ComponentInstance<'a> {
         access_type: Type,
         get: Option<Function>,
         scalars: &AccessList,
-    ) -> Called<Vec<Value>> {
+    ) -> CallResult<Vec<Value>> {
         if scalars.references.is_empty() {
             return Ok(Vec::new());
         }
@@ -357,7 +361,7 @@ impl<'a> ComponentInstance<'a> {
     }
 
     #[cold]
-    fn check_reading(&mut self, outcome: fmu_host::Result, scalars: &AccessList) -> Called {
+    fn check_reading(&mut self, outcome: fmu_host::Result, scalars: &AccessList) -> CallResult {
         let names = scalars.scalars.iter().map(|scalar| self.fmu.name(*scalar));
         let what = Vec::from_iter(names).join(", ");
         self.check(outcome, || what)
@@ -365,7 +369,7 @@ impl<'a> ComponentInstance<'a> {
 
     /// Sets its inputs from the store; in a `PLAIN` system, all are direct or copied.
     #[inline(always)]
-    pub(crate) fn write<const PLAIN: bool>(&mut self, outputs: &Store) -> Called {
+    pub(crate) fn write<const PLAIN: bool>(&mut self, outputs: &Store) -> CallResult {
         let mut values = &outputs.reals;
         if !PLAIN && self.groups[0].direct_inputs.is_none() {
             self.collect(outputs);
@@ -384,7 +388,7 @@ impl<'a> ComponentInstance<'a> {
     }
 
     /// Sets its inputs during the initialization, in which it is called again and again.
-    pub(crate) fn write_initially(&mut self, outputs: &Store) -> Called {
+    pub(crate) fn write_initially(&mut self, outputs: &Store) -> CallResult {
         self.recorded.calls.begin(None);
         self.write::<false>(outputs)
     }
@@ -409,7 +413,7 @@ impl<'a> ComponentInstance<'a> {
     }
 
     #[inline(never)]
-    fn write_others(&mut self, outputs: &Store) -> Called {
+    fn write_others(&mut self, outputs: &Store) -> CallResult {
         for (index, group) in self.groups[1..].iter().enumerate() {
             let inputs = &group.inputs;
             if inputs.references.is_empty() {
@@ -437,7 +441,7 @@ impl<'a> ComponentInstance<'a> {
         set: Option<Function>,
         scalars: &AccessList,
         values: &[Value],
-    ) -> Called {
+    ) -> CallResult {
         self.recorded.calls.begin(set);
         let outcome = self.recorded.instance.set_values(access_type, &scalars.references, values);
         match outcome {
@@ -447,7 +451,7 @@ impl<'a> ComponentInstance<'a> {
     }
 
     #[cold]
-    fn check_writing_reals(&mut self, outcome: fmu_host::Result, outputs: &Store) -> Called {
+    fn check_writing_reals(&mut self, outcome: fmu_host::Result, outputs: &Store) -> CallResult {
         let values = match &self.groups[0].direct_inputs {
             Some(direct) => &outputs.reals[direct.place()],
             None => &*self.reals,
@@ -462,7 +466,7 @@ impl<'a> ComponentInstance<'a> {
         outcome: fmu_host::Result,
         inputs: &AccessList,
         values: &[Value],
-    ) -> Called {
+    ) -> CallResult {
         let pairs = inputs.scalars.iter().zip(&inputs.positions);
         let texts = pairs.map(|(scalar, position)| {
             let name = self.fmu.name(*scalar);
@@ -478,9 +482,9 @@ impl<'a> ComponentInstance<'a> {
     /// Sets the start values of the scalars that are wanted, those of an array by one call.
     fn set_starts(
         &mut self,
-        starts: &StartValues<'_>,
+        starts: &ComponentStarts<'_>,
         is_wanted: impl Fn(&usize) -> bool,
-    ) -> Called {
+    ) -> CallResult {
         let fmu = self.fmu.clone();
         let given = Vec::from_iter(starts.scalars().filter(is_wanted));
         for same in given.chunk_by(|a, b| fmu.array(*a) == fmu.array(*b)) {
@@ -510,7 +514,7 @@ pub(crate) fn get_feeding_outputs(
     components: &mut [ComponentInstance<'_>],
     feeding: &[FeedingOutputs],
     outputs: &mut Store,
-) -> Called<Vec<Value>> {
+) -> CallResult<Vec<Value>> {
     let mut all = Vec::new();
     for FeedingOutputs { component, access_type, get, outputs: list, places } in feeding {
         let values = components[*component].get(*access_type, *get, list)?;

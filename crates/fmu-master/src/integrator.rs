@@ -10,7 +10,7 @@ use fmu_description::{FmiVersion, Variability};
 use fmu_host::Instance;
 
 use crate::Fmu;
-use crate::recorded_instance::{Operation, RecordedInstance, Result, StepError};
+use crate::recorded_instance::{IntegrationError, IntegrationResult, Operation, RecordedInstance};
 use crate::table_inputs::TableInputs;
 use crate::wiring::VariableGroup;
 
@@ -52,7 +52,7 @@ impl<'a> Integrator<'a> {
         inputs: Option<TableInputs<'a>>,
         tolerance: Option<f64>,
         (start, step): (f64, f64),
-    ) -> Result<Self> {
+    ) -> IntegrationResult<Self> {
         let [states, indicators] = match fmu.version {
             FmiVersion::Fmi2 => fmu.equations,
             FmiVersion::Fmi3 => {
@@ -95,7 +95,7 @@ impl<'a> Integrator<'a> {
         Ok(integrator)
     }
 
-    fn enter_event_mode(&mut self, recorded: &mut RecordedInstance) -> Result {
+    fn enter_event_mode(&mut self, recorded: &mut RecordedInstance) -> IntegrationResult {
         if !self.is_in_event_mode {
             recorded.call_with_warning(Operation::EventMode, Instance::enter_event_mode)?;
             self.is_in_event_mode = true;
@@ -109,7 +109,7 @@ impl<'a> Integrator<'a> {
         recorded: &mut RecordedInstance,
         time: f64,
         set: impl FnOnce(&mut Instance) -> fmu_host::Result,
-    ) -> Result {
+    ) -> IntegrationResult {
         self.enter_event_mode(recorded)?;
         recorded.call_with_warning(Operation::Update, set)?;
         self.update(recorded, time)?;
@@ -117,7 +117,7 @@ impl<'a> Integrator<'a> {
     }
 
     /// Handles an event in event mode.
-    fn update(&mut self, recorded: &mut RecordedInstance, time: f64) -> Result {
+    fn update(&mut self, recorded: &mut RecordedInstance, time: f64) -> IntegrationResult {
         let mut nominals_changed = false;
         for _ in 0..MAX_UPDATES {
             let operation = Operation::Update;
@@ -140,7 +140,7 @@ impl<'a> Integrator<'a> {
         )))
     }
 
-    fn read_nominals(&mut self, recorded: &mut RecordedInstance) -> Result {
+    fn read_nominals(&mut self, recorded: &mut RecordedInstance) -> IntegrationResult {
         let nominals = &mut self.nominals;
         if !nominals.is_empty() {
             recorded.call_with_warning(Operation::Nominals, |instance| {
@@ -158,7 +158,12 @@ impl<'a> Integrator<'a> {
     }
 
     /// Integrates from one communication point to the next.
-    pub(crate) fn step(&mut self, recorded: &mut RecordedInstance, time: f64, size: f64) -> Result {
+    pub(crate) fn step(
+        &mut self,
+        recorded: &mut RecordedInstance,
+        time: f64,
+        size: f64,
+    ) -> IntegrationResult {
         let rounding = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
@@ -198,14 +203,14 @@ struct ComponentEquations<'a, 'b> {
 
 impl ComponentEquations<'_, '_> {
     /// Evaluates the equations for the states that the FMU has.
-    fn evaluate_here(&mut self, time: f64) -> Result {
+    fn evaluate_here(&mut self, time: f64) -> IntegrationResult {
         let mut states = vec![0.0; self.integrator.nominals.len()];
         self.states_of(&mut states)?;
         self.evaluate(time, &states)?;
         Ok(())
     }
 
-    fn states_of(&mut self, states: &mut [f64]) -> Result {
+    fn states_of(&mut self, states: &mut [f64]) -> IntegrationResult {
         match states.is_empty() {
             true => Ok(()),
             false => (self.recorded).call_with_warning(Operation::States, |instance| {
@@ -216,17 +221,17 @@ impl ComponentEquations<'_, '_> {
 }
 
 impl System for ComponentEquations<'_, '_> {
-    type Error = StepError;
+    type Error = IntegrationError;
 
     fn nominal(&self, state: usize) -> f64 {
         self.integrator.nominals[state].abs()
     }
 
-    fn states(&mut self, states: &mut [f64]) -> Result {
+    fn states(&mut self, states: &mut [f64]) -> IntegrationResult {
         self.states_of(states)
     }
 
-    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool> {
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> IntegrationResult<bool> {
         // The time of an event differs by rounding from that of the step in which it is.
         let time = time.max(self.integrator.handled);
         let Integrator { derivatives, indicators, inputs, .. } = &mut *self.integrator;
@@ -258,12 +263,12 @@ impl System for ComponentEquations<'_, '_> {
         self.integrator.indicators[indicator]
     }
 
-    fn not_finite(&mut self) -> StepError {
+    fn not_finite(&mut self) -> IntegrationError {
         let reason = "a derivative or an event indicator became NaN or infinite".to_owned();
-        StepError::Equations { reason, is_discarded: false }
+        IntegrationError::Equations { reason, is_discarded: false }
     }
 
-    fn completed(&mut self, time: f64) -> Result<bool> {
+    fn completed(&mut self, time: f64) -> IntegrationResult<bool> {
         let operation = Operation::Completed;
         let completed = self.recorded.call(operation, Instance::completed_integrator_step)?;
         if completed.terminate {
@@ -272,7 +277,7 @@ impl System for ComponentEquations<'_, '_> {
         Ok(completed.enter_event_mode)
     }
 
-    fn event(&mut self, time: f64) -> Result {
+    fn event(&mut self, time: f64) -> IntegrationResult {
         if !self.integrator.is_in_event_mode && time > self.integrator.handled {
             self.recorded
                 .call_with_warning(Operation::SetTime, |instance| instance.set_time(time))?;

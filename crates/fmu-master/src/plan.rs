@@ -9,7 +9,7 @@ use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
 use crate::input_table::InputTable;
 use crate::note::Note;
-use crate::start::{StartValue, StartValues, scalar_literals};
+use crate::start::{ComponentStarts, StartValue, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
 use crate::wiring::Wiring;
@@ -177,11 +177,11 @@ impl Plan {
         &'a self,
         component: usize,
         replaced: &'a [StartValue],
-    ) -> Result<StartValues<'a>> {
+    ) -> Result<ComponentStarts<'a>> {
         let loaded = &self.components[component];
         let replaced = replaced.iter().filter(|start| start.component == component);
         let values = loaded.starts.iter().chain(replaced.flat_map(|start| &start.values));
-        let starts = StartValues::new(values);
+        let starts = ComponentStarts::new(values);
         starts.check_arrays(&loaded.fmu, |scalar| loaded.name_of(scalar))?;
         Ok(starts)
     }

@@ -65,14 +65,14 @@ pub(crate) fn functions(version: FmiVersion) -> &'static OperationFunctions {
 
 /// Why an integration has stopped.
 #[derive(Debug)]
-pub(crate) enum StepError {
+pub(crate) enum IntegrationError {
     /// A call has failed; the text tells where.
     Call(fmu_host::Failure, String),
     /// The equations cannot be integrated, though shorter steps may succeed if they are discarded.
     Equations { reason: String, is_discarded: bool },
 }
 
-impl solver::Failure for StepError {
+impl solver::Failure for IntegrationError {
     fn discard(reason: Arguments<'_>) -> Self {
         Self::Equations { reason: reason.to_string(), is_discarded: true }
     }
@@ -94,7 +94,7 @@ impl solver::Failure for StepError {
     }
 }
 
-pub(crate) type Result<T = ()> = std::result::Result<T, StepError>;
+pub(crate) type IntegrationResult<T = ()> = Result<T, IntegrationError>;
 
 impl RecordedInstance {
     /// Calls the function that performs an operation.
@@ -102,9 +102,9 @@ impl RecordedInstance {
         &mut self,
         operation: Operation,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result<T>,
-    ) -> Result<T> {
+    ) -> IntegrationResult<T> {
         self.calls.begin(self.functions[operation as usize]);
-        call(&mut self.instance).map_err(|failure| StepError::Call(failure, String::new()))
+        call(&mut self.instance).map_err(|failure| IntegrationError::Call(failure, String::new()))
     }
 
     /// As [`RecordedInstance::call`], of a function that may return a warning.
@@ -112,7 +112,7 @@ impl RecordedInstance {
         &mut self,
         operation: Operation,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
-    ) -> Result {
+    ) -> IntegrationResult {
         let success = self.call(operation, call)?;
         self.warn(success);
         Ok(())
@@ -130,20 +130,20 @@ impl RecordedInstance {
         inputs: &TableInputs<'_>,
         time: f64,
         after: bool,
-    ) -> Result {
+    ) -> IntegrationResult {
         for (access_type, reference, values) in inputs.values(time, after) {
             self.calls.begin(accessor("set", self.version, access_type));
             let set = self.instance.set_values(access_type, &[reference], &values);
-            self.warn(set.map_err(|failure| StepError::Call(failure, String::new()))?);
+            self.warn(set.map_err(|failure| IntegrationError::Call(failure, String::new()))?);
         }
         Ok(())
     }
 
     /// The error of an FMU that has asked to end the simulation.
-    pub(crate) fn terminated(&self, operation: Operation, time: f64) -> StepError {
+    pub(crate) fn terminated(&self, operation: Operation, time: f64) -> IntegrationError {
         let function = self.functions[operation as usize].and_then(Function::name);
         let function = function.unwrap_or_default();
         let cause = Cause::Terminated(time);
-        StepError::Call(fmu_host::Failure { function, cause }, String::new())
+        IntegrationError::Call(fmu_host::Failure { function, cause }, String::new())
     }
 }

@@ -5,10 +5,10 @@ use fmu_description::{Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
-use crate::component_instance::{Called, ComponentInstance, get_feeding_outputs};
+use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outputs};
 use crate::components::LoadedComponent;
 use crate::fault::FaultyConnection;
-use crate::start::StartValues;
+use crate::start::ComponentStarts;
 use crate::store::{Store, number, places};
 use crate::table::Column;
 use crate::table_inputs::TableInputs;
@@ -129,7 +129,7 @@ impl Plan {
 
 impl Simulation<'_> {
     /// Initializes with the calls of FMPy, in its order.
-    fn initialize(&mut self, starts: &[StartValues<'_>]) -> Called {
+    fn initialize(&mut self, starts: &[ComponentStarts<'_>]) -> CallResult {
         let plan = self.plan;
         let (start, end) = (plan.experiment.start, plan.end());
         self.messages.record().at(start);
@@ -162,14 +162,14 @@ impl Simulation<'_> {
         operation: &str,
         what: &str,
         call: impl Fn(&mut Instance) -> fmu_host::Result,
-    ) -> Called {
+    ) -> CallResult {
         let mut components = self.components.iter_mut();
         components.try_for_each(|component| component.call(operation, what, &call))
     }
 
     /// Propagates initial outputs to inputs, once per component, since outputs may depend on inputs. Does not set inputs
     /// again to the same values, as an FMU may then compute its outputs again.
-    fn propagate(&mut self) -> Called {
+    fn propagate(&mut self) -> CallResult {
         let mut last = vec![None; self.components.len()];
         for _ in 0..=self.components.len() {
             let mut changed = false;
@@ -215,13 +215,13 @@ impl Simulation<'_> {
     }
 
     /// Reads the outputs of all components.
-    fn read_all<const PLAIN: bool>(&mut self) -> Called {
+    fn read_all<const PLAIN: bool>(&mut self) -> CallResult {
         let mut components = self.components.iter_mut();
         components.try_for_each(|component| component.read::<PLAIN>(&mut self.outputs))
     }
 
     /// Takes the values before the first step.
-    fn record_start(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
+    fn record_start(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> CallResult {
         self.row.time = self.plan.experiment.start;
         self.read_all::<false>()?;
         self.row.store.record::<false>(&self.plan.wiring.recorded_before, &self.outputs);
@@ -234,7 +234,7 @@ impl Simulation<'_> {
     /// Ends a run after a step or the first event in which an FMU has ended the simulation. If the row of the
     /// communication point waits for sampled components, it is complete if none of them had yet to step. A single FMU
     /// has one more row, at the time that it has reached.
-    fn end_early(&mut self, end: &RunError, mut observe: impl FnMut(&Row) -> bool) -> Called {
+    fn end_early(&mut self, end: &RunError, mut observe: impl FnMut(&Row) -> bool) -> CallResult {
         let wiring = &self.plan.wiring;
         let component = end.call.as_ref().map(|call| &call.component);
         let mut all = self.plan.components.iter().skip_while(|c| Some(&c.name) != component);
@@ -255,7 +255,7 @@ impl Simulation<'_> {
     }
 
     #[inline(always)]
-    fn steps<const PLAIN: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
+    fn steps<const PLAIN: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> CallResult {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -299,7 +299,7 @@ impl Simulation<'_> {
 
     /// Steps from one communication point to the next.
     #[inline]
-    fn step<const PLAIN: bool>(&mut self, k: u64, time: f64, step: f64) -> Called {
+    fn step<const PLAIN: bool>(&mut self, k: u64, time: f64, step: f64) -> CallResult {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
         let faulty_connections = &mut self.faulty_connections;
         let mut carry = |component: usize, outputs: &mut Store| {

@@ -7,7 +7,7 @@
 //! 3. [`ScalarLiteral::start_value`] checks that the scalar has a start value, and gives it as a [`Value`] of its type.
 //!    Those of the description stay in the [`LoadedComponent`](crate::LoadedComponent), those of a run are
 //!    [`StartValue`]s, which [`Plan::start`](crate::Plan::start) makes.
-//! 4. [`StartValues`] are the start values of one component in one run, which
+//! 4. [`ComponentStarts`] are the start values of one component in one run, which
 //!    [`ComponentInstance::set_up`](crate::component_instance::ComponentInstance::set_up) sets on the FMU.
 
 use std::borrow::Cow;
@@ -118,9 +118,9 @@ pub(crate) fn sizes(
 
 /// The start values of a component in one run, by the indices of its scalars.
 #[derive(Default)]
-pub(crate) struct StartValues<'a>(BTreeMap<usize, &'a Value>);
+pub(crate) struct ComponentStarts<'a>(BTreeMap<usize, &'a Value>);
 
-impl<'a> StartValues<'a> {
+impl<'a> ComponentStarts<'a> {
     /// Start values in their order; a later one replaces an earlier one.
     pub(crate) fn new(values: impl Iterator<Item = &'a (usize, Value)>) -> Self {
         Self(values.map(|(scalar, value)| (*scalar, value)).collect())

@@ -12,10 +12,10 @@ use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
 use crate::access_list::{AccessList, accessor};
-use crate::component_instance::{Called, ComponentInstance};
+use crate::component_instance::{CallResult, ComponentInstance};
 use crate::components::LoadedComponent;
 use crate::integrator::Integrator;
-use crate::start::{StartValues, scalar_literals};
+use crate::start::{ComponentStarts, scalar_literals};
 use crate::{Description, Literal, Messages, Plan, RunError};
 
 /// Which FMU to step, and how.
@@ -178,7 +178,7 @@ impl SteppedFmu {
                 0,
                 &planned,
                 &[],
-                &StartValues::default(),
+                &ComponentStarts::default(),
                 &messages,
             )?,
             planned,
@@ -270,14 +270,14 @@ impl SteppedFmu {
     }
 
     /// Adds the time to a failure.
-    fn with_time<T>(&self, called: Called<T>) -> Result<T> {
+    fn with_time<T>(&self, called: CallResult<T>) -> Result<T> {
         let at = |failure: Box<RunError>| if self.runs { failure.at(self.time) } else { failure };
         called.map_err(|failure| anyhow::Error::new(*at(failure)))
     }
 
-    fn initialize(&mut self, starts: &[(usize, Value)]) -> Called {
+    fn initialize(&mut self, starts: &[(usize, Value)]) -> CallResult {
         let LoadedComponent { tolerance, .. } = self.planned;
-        let starts = StartValues::new(self.planned.starts.iter().chain(starts));
+        let starts = ComponentStarts::new(self.planned.starts.iter().chain(starts));
         self.component.set_up((self.time, None), tolerance, &starts)?;
         self.component.enter_initialization()?;
         self.component.exit_initialization()?;
@@ -287,7 +287,7 @@ impl SteppedFmu {
         Ok(())
     }
 
-    fn step(&mut self, step: f64) -> Called {
+    fn step(&mut self, step: f64) -> CallResult {
         self.messages.record().step(step);
         self.component.step::<false>(self.time, step)?;
         self.time += step;

@@ -8,7 +8,7 @@ use fmu_description::{Type, Value};
 use crate::Fmu;
 use crate::access_list::AccessList;
 use crate::input_table::{InputColumn, InputTable, RowsAtTime};
-use crate::start::StartValues;
+use crate::start::ComponentStarts;
 use crate::wiring::VariableGroup;
 
 /// An input, or elements of one that is an array, with the values of all elements.
@@ -40,7 +40,7 @@ impl<'a> TableInputs<'a> {
         component: usize,
         fmu: &Fmu,
         groups: &[VariableGroup],
-        starts: &StartValues<'_>,
+        starts: &ComponentStarts<'_>,
     ) -> Option<Self> {
         let fed = groups.iter().flat_map(|g| g.inputs.scalars.iter().zip(&g.sources));
         let fed = fed.filter(|(_, source)| source.component.is_some());

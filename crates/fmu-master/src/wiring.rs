@@ -154,10 +154,10 @@ impl VariableGroup {
             && let ends = self.copied_inputs.iter().map(|copied| (copied.from, copied.to))
             && (first..).zip(0..self.inputs.elements).eq(ends)
         {
-            self.direct_inputs = Some(self.inputs.from_place(first));
+            self.direct_inputs = Some(self.inputs.placed_at(first));
         }
         self.direct_outputs = match self.first_output {
-            Place::Real(first) if self.outputs.is_complete => Some(self.outputs.from_place(first)),
+            Place::Real(first) if self.outputs.is_complete => Some(self.outputs.placed_at(first)),
             _ => None,
         };
     }

@@ -16,11 +16,11 @@ use crate::table::expected;
 #[serde(try_from = "Keys")]
 pub struct Parameter {
     pub(super) variables: Vec<String>,
-    values: Values,
+    values: ParameterValues,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-enum Values {
+enum ParameterValues {
     List(Vec<Value>),
     /// A list for each variable.
     Together(Vec<Vec<Value>>),
@@ -45,15 +45,20 @@ enum Spacing {
 impl Parameter {
     /// Whether the values are drawn rather than listed or spaced.
     pub(super) fn is_random(&self) -> bool {
-        !matches!(self.values, Values::List(_) | Values::Together(_) | Values::Spaced { .. })
+        !matches!(
+            self.values,
+            ParameterValues::List(_)
+                | ParameterValues::Together(_)
+                | ParameterValues::Spaced { .. }
+        )
     }
 
     /// The number of grid positions of the parameter, at least 1.
     pub(super) fn count(&self) -> u64 {
         match &self.values {
-            Values::List(values) => values.len() as u64,
-            Values::Together(lists) => lists[0].len() as u64,
-            Values::Spaced { count, .. } => *count,
+            ParameterValues::List(values) => values.len() as u64,
+            ParameterValues::Together(lists) => lists[0].len() as u64,
+            ParameterValues::Spaced { count, .. } => *count,
             _ => 1,
         }
     }
@@ -61,7 +66,7 @@ impl Parameter {
     /// The positions, after the first, of all listed values or of the other end of a range.
     pub(super) fn corners(&self) -> Range<u64> {
         match &self.values {
-            Values::Spaced { count, .. } => count - 1..*count,
+            ParameterValues::Spaced { count, .. } => count - 1..*count,
             _ => 1..self.count(),
         }
     }
@@ -69,8 +74,8 @@ impl Parameter {
     /// The type of the values of a variable.
     pub(super) fn of_type(&self, variable: usize) -> Type {
         match &self.values {
-            Values::List(values) => values[0].of_type(),
-            Values::Together(lists) => lists[variable][0].of_type(),
+            ParameterValues::List(values) => values[0].of_type(),
+            ParameterValues::Together(lists) => lists[variable][0].of_type(),
             _ => Type::Float64,
         }
     }
@@ -78,19 +83,19 @@ impl Parameter {
     /// The value of a variable at a grid position, or the random value of a draw.
     pub(super) fn value(&self, place: u64, variable: usize, draw: &Draw) -> Value {
         Value::Float64(match self.values {
-            Values::List(ref values) => return values[place as usize].clone(),
-            Values::Together(ref lists) => return lists[variable][place as usize].clone(),
+            ParameterValues::List(ref values) => return values[place as usize].clone(),
+            ParameterValues::Together(ref lists) => return lists[variable][place as usize].clone(),
             // The exact ends, without the rounding of logarithms and powers.
-            Values::Spaced { from, .. } if place == 0 => from,
-            Values::Spaced { to, count, .. } if place == count - 1 => to,
-            Values::Spaced { from, to, count, scale } => {
+            ParameterValues::Spaced { from, .. } if place == 0 => from,
+            ParameterValues::Spaced { to, count, .. } if place == count - 1 => to,
+            ParameterValues::Spaced { from, to, count, scale } => {
                 let (place, last) = (place as f64, (count - 1) as f64);
                 // Multiplying before dividing keeps integers exact and decimal fractions correctly rounded.
                 scale.between([from, to], |a, b| (a * (last - place) + b * place) / last)
             }
-            Values::Uniform(bounds) => Spacing::Linear.drawn(bounds, draw.fraction()),
-            Values::LogUniform(bounds) => Spacing::Log.drawn(bounds, draw.fraction()),
-            Values::Normal([mean, deviation]) => mean + deviation * draw.normal(),
+            ParameterValues::Uniform(bounds) => Spacing::Linear.drawn(bounds, draw.fraction()),
+            ParameterValues::LogUniform(bounds) => Spacing::Log.drawn(bounds, draw.fraction()),
+            ParameterValues::Normal([mean, deviation]) => mean + deviation * draw.normal(),
         })
     }
 }
@@ -150,7 +155,7 @@ impl TryFrom<Keys> for Parameter {
         };
         let values = keys.values();
         let values = values.map_err(|e| Error::msg(format!("{}: {e}", variables.join(", "))))?;
-        if let Values::Together(lists) = &values {
+        if let ParameterValues::Together(lists) = &values {
             let (lists, names) = (lists.len(), variables.join(", "));
             ensure!(lists == variables.len(), "{names}: {lists} lists, expected one for each");
         }
@@ -161,7 +166,7 @@ impl TryFrom<Keys> for Parameter {
 const ONE_OF: &str = "values, or from, to and count, or uniform, log_uniform or normal";
 
 impl Keys {
-    fn values(self) -> Result<Values> {
+    fn values(self) -> Result<ParameterValues> {
         let spaced = match (self.from, self.to, self.count) {
             (None, None, None) if self.scale.is_none() => None,
             (Some(from), Some(to), Some(count)) => {
@@ -177,17 +182,17 @@ impl Keys {
                     "from = {from:?}, expected more than 0 for logarithms"
                 );
                 ensure!(from < to, "to = {to:?}, expected more than from = {from:?}");
-                Some(Values::Spaced { from, to, count, scale })
+                Some(ParameterValues::Spaced { from, to, count, scale })
             }
             _ => bail!("part of a range, expected from, to and count"),
         };
         let all = [
-            self.values.map(Values::List),
-            self.together.map(Values::Together),
+            self.values.map(ParameterValues::List),
+            self.together.map(ParameterValues::Together),
             spaced,
-            self.uniform.map(Values::Uniform),
-            self.log_uniform.map(Values::LogUniform),
-            self.normal.map(Values::Normal),
+            self.uniform.map(ParameterValues::Uniform),
+            self.log_uniform.map(ParameterValues::LogUniform),
+            self.normal.map(ParameterValues::Normal),
         ];
         let mut given = all.into_iter().flatten();
         match (given.next(), given.next()) {

@@ -12,7 +12,7 @@ use super::journal::Journal;
 use super::pool::{Pool, TaskOutcome, Workers};
 use super::progress::SweepProgress;
 use super::study::Study;
-use super::worker::{Reply, Task};
+use super::worker::{SweepReply, SweepTask};
 
 /// The information that the coordinator of a distributed sweep needs.
 #[derive(Debug, Serialize)]
@@ -34,13 +34,13 @@ impl Study {
     ///
     /// # Errors
     /// The FMUs cannot be used, or crash at every value.
-    fn try_corners(&self, pool: &mut Pool<'_, Task>) -> Result<()> {
+    fn try_corners(&self, pool: &mut Pool<'_, SweepTask>) -> Result<()> {
         let (fit, mut crash) = (Cell::new(false), None);
         let corners = self.parameters.corners();
         pool.run(
             corners.len() as u64,
-            corners.into_iter().map(Task::Try).take_while(|_| !fit.get()),
-            |outcomes: Vec<(Task, TaskOutcome<Reply>)>| {
+            corners.into_iter().map(SweepTask::Try).take_while(|_| !fit.get()),
+            |outcomes: Vec<(SweepTask, TaskOutcome<SweepReply>)>| {
                 for (_, outcome) in outcomes {
                     match outcome {
                         TaskOutcome::Reply(Ok(_)) => fit.set(true),
@@ -58,7 +58,7 @@ impl Study {
         }
     }
 
-    fn pool<'a>(&self, workers: &'a Workers<'a>) -> Pool<'a, Task> {
+    fn pool<'a>(&self, workers: &'a Workers<'a>) -> Pool<'a, SweepTask> {
         Pool::new(workers, self.plan.names())
     }
 
@@ -67,13 +67,13 @@ impl Study {
         &self,
         number: u64,
         indices: impl Iterator<Item = u64>,
-        pool: &mut Pool<'_, Task>,
+        pool: &mut Pool<'_, SweepTask>,
         mut keep: impl FnMut(&str, Vec<(u64, Option<String>)>) -> Result<()>,
     ) -> Result<bool> {
-        let tasks = indices.map(Task::Simulate);
-        pool.run(number, tasks, |outcomes: Vec<(Task, TaskOutcome<Reply>)>| {
+        let tasks = indices.map(SweepTask::Simulate);
+        pool.run(number, tasks, |outcomes: Vec<(SweepTask, TaskOutcome<SweepReply>)>| {
             let (mut lines, mut runs) = (String::new(), Vec::new());
-            for (Task::Try(index) | Task::Simulate(index), outcome) in outcomes {
+            for (SweepTask::Try(index) | SweepTask::Simulate(index), outcome) in outcomes {
                 let row = match outcome {
                     TaskOutcome::Reply(Ok(Some(row))) => row,
                     TaskOutcome::Reply(Ok(None)) => continue,

@@ -11,7 +11,7 @@ use crate::{Messages, RunError, Simulation};
 
 /// A task of a worker.
 #[derive(Clone, Copy, Serialize, Deserialize)]
-pub(super) enum Task {
+pub(super) enum SweepTask {
     /// To initialize a run without simulating it.
     Try(u64),
     /// To simulate a run.
@@ -19,7 +19,7 @@ pub(super) enum Task {
 }
 
 /// The reply of a worker: the row of a run unless it was only tried, or why it cannot be started.
-pub(super) type Reply = Result<Option<RunRow>, String>;
+pub(super) type SweepReply = Result<Option<RunRow>, String>;
 
 impl Study {
     /// Does the tasks of the process that has started this worker process, until an FMU must not be called again.
@@ -30,14 +30,14 @@ impl Study {
         while let Some(task) = service.task()? {
             let record = service.record();
             let reply = match task {
-                Task::Try(index) => match self.initialize(index, record) {
+                SweepTask::Try(index) => match self.initialize(index, record) {
                     Err(error) if error.downcast_ref::<RunError>().is_none() => Err(error),
                     _ => Ok(None),
                 },
-                Task::Simulate(index) => self.simulate(index, record).map(Some),
+                SweepTask::Simulate(index) => self.simulate(index, record).map(Some),
             };
             let is_lost = self.plan.components.iter().any(|component| component.fmu.is_lost());
-            let reply: Reply = reply.map_err(|error| format!("{error:#}"));
+            let reply: SweepReply = reply.map_err(|error| format!("{error:#}"));
             service.reply(&(reply, is_lost));
             if is_lost {
                 break;
