@@ -38,9 +38,11 @@
 
 mod access_list;
 mod algebraic_loop;
+mod code;
 mod component_instance;
 mod components;
 mod connections;
+mod declarations;
 mod description;
 mod error;
 mod experiment;

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Error, Result, anyhow};
 use toml::de::{DeTable, DeValue};
 
-use crate::fmu::Declared;
+use crate::declarations::Declarations;
 use crate::note::Advice;
 use crate::package::is_package;
 use crate::{Component, Description, ssp};
@@ -62,7 +62,7 @@ impl Description {
     /// # Errors
     /// The file cannot be read or is not an FMU.
     pub fn of_fmu(file: &Path) -> Result<Self> {
-        let declared = Declared::read(file);
+        let declared = Declarations::read(file);
         let declared = declared.with_context(|| format!("{} cannot be used", file.display()))?;
         let [start, stop, step] = declared.experiment;
         let start = start.unwrap_or(0.0);

@@ -5,7 +5,7 @@ use fmu_description::xml::{self, Element};
 use fmu_file::archive;
 
 use super::vocabulary;
-use crate::fmu::{Units, units};
+use crate::declarations::{Units, units};
 use crate::package::STRUCTURE_FILE;
 
 /// Maximum number of elements of a document; those of a package have the variables of all its FMUs.

@@ -9,7 +9,7 @@ use fmu_description::xml::Element;
 use super::document::document;
 use super::system::{ConnectorPath, DefinedUnit, FlatSystem, IncomingConnection, Passage, join};
 use super::vocabulary::{self, MAPPING, PARAMETER_SET};
-use crate::fmu::units;
+use crate::declarations::units;
 use crate::{Conversion, Literal};
 
 impl FlatSystem<'_> {

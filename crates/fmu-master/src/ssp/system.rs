@@ -10,7 +10,7 @@ use fmu_file::archive;
 
 use super::document;
 use super::vocabulary::{self, COMPONENT, SYSTEM};
-use crate::fmu::{Declared, Units};
+use crate::declarations::{Declarations, Units};
 use crate::package::StructureFile;
 use crate::{Component, Connection, Conversion, InterfaceType};
 
@@ -54,7 +54,7 @@ pub struct FlatSystem<'a> {
     pub units: Units,
     pub components: Vec<Component>,
     /// The FMUs of the components; `None` if one cannot be read, which is reported when it is loaded.
-    pub models: Vec<Option<Declared>>,
+    pub models: Vec<Option<Declarations>>,
     /// All elements by their paths: the indices of components, and `None` for systems.
     pub elements: HashMap<String, Option<usize>>,
     /// What feeds each connector.
@@ -181,7 +181,7 @@ impl<'a> FlatSystem<'a> {
         let read: Result<_> = read();
         let (fmu, interface) =
             read.with_context(|| format!("{}: component {path}", line(element)))?;
-        self.models.push(Declared::read(&fmu).ok());
+        self.models.push(Declarations::read(&fmu).ok());
         let name = path.to_owned();
         self.components.push(Component { name, fmu, interface, ..Component::default() });
         Ok(self.components.len() - 1)
@@ -286,7 +286,7 @@ impl<'a> FlatSystem<'a> {
     }
 
     /// The FMU of a component.
-    pub fn model(&self, path: &str) -> Option<&Declared> {
+    pub fn model(&self, path: &str) -> Option<&Declarations> {
         self.models[(*self.elements.get(path)?)?].as_ref()
     }
 

@@ -1,0 +1,162 @@
+//! The code of an FMU: its binary, which is found, loaded and instantiated, or a function of this program.
+
+use std::ffi::CString;
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::xml::Element;
+use fmu_description::{FmiVersion, LogCategory};
+use fmu_file::archive::Archive;
+use fmu_file::platform::Platform;
+use fmu_host::{Instance, Instantiation, InterfaceType, Library, Limits, LoadError, ProcessOwned};
+use tempfile::TempDir;
+
+use crate::{Function, Messages};
+
+/// The code that the instances of an FMU run.
+pub(crate) enum Code {
+    Binary(UnpackedBinary),
+    Function(Function),
+}
+
+/// An unpacked binary.
+pub(crate) struct UnpackedBinary {
+    pub(crate) version: FmiVersion,
+    pub(crate) interface_type: InterfaceType,
+    /// The file, relative to the folder.
+    pub(crate) file: String,
+    /// Loaded by the first instance, and the location of its resources. Must be dropped before the folder, which
+    /// removes the file.
+    pub(crate) library: OnceLock<Result<(Arc<Library>, String), LoadError>>,
+    pub(crate) folder: ProcessOwned<TempDir>,
+    pub(crate) token: String,
+    pub(crate) limits: Limits,
+    /// The log categories of warnings and errors, if it declares those of the standard.
+    pub(crate) problems: Vec<CString>,
+}
+
+impl UnpackedBinary {
+    /// Whether it is a WebAssembly component.
+    pub(crate) fn is_component(&self) -> bool {
+        self.file.ends_with(".wasm")
+    }
+
+    /// Whether it must not be called again in this process, because of a fatal error.
+    pub(crate) fn is_lost(&self) -> bool {
+        matches!(self.library.get(), Some(Ok((library, _))) if library.is_lost())
+    }
+
+    /// Creates an instance of the component with an index, and loads the binary before the first.
+    ///
+    /// # Errors
+    /// The binary cannot be loaded or the FMU returns an error.
+    pub(crate) fn instantiate(
+        &self,
+        component: usize,
+        name: &str,
+        messages: &Messages,
+    ) -> Result<Instance> {
+        let Self { file, library, folder, token, limits, problems, .. } = self;
+        let mut calls = messages.record().calls(component);
+        calls.begin(Some(fmu_worker::Function::LOADING));
+        let load = || {
+            let library = Library::load(&folder.path().join(file), self.version)?;
+            let resources = library.location(&folder.path().join("resources"));
+            Ok((library, resources))
+        };
+        let (library, resources) = library.get_or_init(load).as_ref().map_err(Clone::clone)?;
+        ensure!(!library.is_lost(), "it is unusable after a fatal error");
+        let arguments = Instantiation {
+            name,
+            interface_type: self.interface_type,
+            guid: token,
+            resources,
+            logging_on: true,
+            limits: *limits,
+            ..Instantiation::default()
+        };
+        let (instance, log) = (name.to_owned(), messages.clone());
+        let sink = move |logged| log.log(&instance, &logged);
+        let function = match (self.version, self.interface_type) {
+            (FmiVersion::Fmi2, _) => "fmi2Instantiate",
+            (FmiVersion::Fmi3, InterfaceType::CoSimulation) => "fmi3InstantiateCoSimulation",
+            (FmiVersion::Fmi3, InterfaceType::ModelExchange) => "fmi3InstantiateModelExchange",
+        };
+        calls.begin(fmu_worker::Function::named(function));
+        let instance = library.instantiate(&arguments, sink)?;
+        let mut instance = instance.with_context(|| {
+            let reason = messages.reason(function);
+            reason.unwrap_or_else(|| "the FMU logged no reason".into())
+        })?;
+        if messages.only_problems() && !problems.is_empty() {
+            calls.begin(fmu_worker::Function::performing(self.version, "set_debug_logging"));
+            // An FMU that cannot do so goes on logging everything.
+            let _ = instance.set_debug_logging(true, problems);
+        }
+        Ok(instance)
+    }
+}
+
+/// Finds the binary for this machine, or the WebAssembly component if there is none, or if it is `required`.
+pub(crate) fn find_binary(
+    archive: &Archive,
+    identifier: &str,
+    version: FmiVersion,
+    required: bool,
+) -> Result<String> {
+    let native = Platform::of_this_machine(version);
+    let component = Platform::component(version);
+    for platform in [native.filter(|_| !required), component].into_iter().flatten() {
+        let binary = platform.binary(identifier);
+        // The names in an archive are safe, but the binary must also be in the folder of the platform.
+        if archive.names.contains(&binary) && !identifier.contains(['/', '\\']) {
+            return Ok(binary);
+        }
+    }
+    ensure!(!required, "it has no WebAssembly component, and native binaries were refused");
+    let platform = native
+        .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
+    let other = archive.names.iter().find(|name| {
+        let file = Path::new(name).file_stem().unwrap_or_default();
+        file.to_str().is_some_and(|file| **name == platform.binary(file))
+    });
+    match other {
+        Some(other) => bail!(
+            "its binary {other} is not named after the model identifier {identifier:?}, expected {}",
+            platform.binary(identifier)
+        ),
+        None => bail!("it has no binary for this machine ({})", platform.folder),
+    }
+}
+
+/// The log categories of warnings and errors that an FMU declares (FMI 2.0.5, section 2.2.4). None if it has no category
+/// for errors, because it may then log them in any category.
+pub(crate) fn problem_categories(root: &Element<'_>) -> Vec<CString> {
+    let declared = root.list("LogCategories", "Category").filter_map(|c| c.attribute("name"));
+    let of_statuses = declared.filter(|name| name.starts_with("logStatus"));
+    let known = |name: &str| {
+        let mut known = LogCategory::of_model(true).map(LogCategory::name);
+        known.find(|known| known.to_bytes() == name.as_bytes())
+    };
+    let problems = Vec::from_iter(of_statuses.filter_map(known).map(ToOwned::to_owned));
+    if problems.contains(&c"logStatusError".to_owned()) { problems } else { Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_categories_of_problems_are_known_if_errors_have_one() {
+        let found = |names: &[&'static str]| {
+            let category = |name: &&'static str| Element::new("Category").with("name", *name);
+            let categories = names.iter().map(category);
+            problem_categories(&Element::new("root").listing("LogCategories", categories.collect()))
+        };
+        let standard = found(&["logStatusWarning", "logEvents", "logStatusError", "logAll"]);
+        assert_eq!(standard, [c"logStatusWarning".to_owned(), c"logStatusError".to_owned()]);
+        assert!(found(&["logStatusWarning", "error"]).is_empty());
+        assert!(found(&[]).is_empty());
+    }
+}

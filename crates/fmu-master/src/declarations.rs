@@ -1,0 +1,56 @@
+//! What an FMU declares in its model description, as far as it matters before the FMU is opened.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use fmu_description::ModelDescription;
+use fmu_description::value::real;
+use fmu_description::xml::{self, Element};
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+
+/// The declarations of an FMU.
+pub(crate) struct Declarations {
+    /// The start time, stop time and step size (s) of its default experiment, if it has them.
+    pub(crate) experiment: [Option<f64>; 3],
+    /// The units of variables by their names.
+    pub(crate) variables: HashMap<String, Option<String>>,
+    pub(crate) units: Units,
+}
+
+impl Declarations {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        let text = Archive::open_sound(path)?.model_description()?;
+        let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
+        let model = ModelDescription::read(&root)?;
+        let named = model.variables().flat_map(|(_, v)| {
+            let names = [v.name.as_str()].into_iter().chain(v.aliases());
+            names.map(|name| (name.to_owned(), v.unit.clone()))
+        });
+        Ok(Self {
+            experiment: ["startTime", "stopTime", "stepSize"].map(|name| model.experiment(name)),
+            variables: named.collect(),
+            units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
+        })
+    }
+}
+
+/// The definitions of units by their names.
+pub(crate) type Units = HashMap<String, Vec<(String, f64)>>;
+
+/// The definitions of units in base units: exponents, factor and offset that differ from the default.
+pub(crate) fn units<'a>(units: impl Iterator<Item = &'a Element<'a>>, base: &str) -> Units {
+    units
+        .filter_map(|unit| {
+            let base = unit.child(base)?;
+            let mut parts: Vec<(String, f64)> = base
+                .attributes
+                .iter()
+                .filter_map(|(name, value)| Some(((*name).to_owned(), real(value)?)))
+                .filter(|(name, value)| *value != if name == "factor" { 1.0 } else { 0.0 })
+                .collect();
+            parts.sort_by(|a, b| a.0.cmp(&b.0));
+            Some((unit.attribute("name")?.to_owned(), parts))
+        })
+        .collect()
+}

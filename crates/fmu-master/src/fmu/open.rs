@@ -1,0 +1,203 @@
+//! Opens an FMU: reads its model description, chooses how to run it, and unpacks it.
+
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+use std::sync::OnceLock;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::xml::{self, Element};
+use fmu_description::{Causality, FmiVersion, ModelDescription, Type, Variable, XmlVariable};
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+use fmu_host::{InterfaceType, Limits, ProcessOwned};
+
+use super::{Fmu, Scalar, Sizes};
+use crate::Sandbox;
+use crate::code::{Code, UnpackedBinary, find_binary, problem_categories};
+use crate::declarations::units;
+
+impl Fmu {
+    /// Reads and unpacks a file, with these values of structural parameters, which are the sizes of arrays.
+    ///
+    /// # Errors
+    /// The file is not a valid FMU of FMI 2.0 or 3.0 with this interface and a binary for this machine.
+    pub(crate) fn open(
+        path: &Path,
+        wanted: Option<InterfaceType>,
+        sizes: &Sizes,
+        sandbox: Sandbox,
+    ) -> Result<Self> {
+        let read = Self::read(path, wanted, sizes, sandbox);
+        read.with_context(|| format!("{} cannot be used", path.display()))
+    }
+
+    fn read(
+        path: &Path,
+        wanted: Option<InterfaceType>,
+        sizes: &Sizes,
+        sandbox: Sandbox,
+    ) -> Result<Self> {
+        let mut archive = Archive::open_sound(path)?;
+        let text = archive.model_description()?;
+        let mut root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
+        resize(&mut root, sizes);
+        let model = ModelDescription::read(&root)?;
+        let (interface_type, interface) = interface(&model, wanted)?;
+        let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
+        let binary = find_binary(&archive, identifier, model.version, sandbox.is_required)?;
+        let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
+
+        let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
+        archive.unpack("", folder.path()).with_context(|| {
+            format!("it cannot be unpacked to the folder {}", folder.path().display())
+        })?;
+        let indicators = root.attribute("numberOfEventIndicators");
+        let indicators = indicators.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
+        let count = model.variables().map(|(_, v)| v.element_count());
+        let count = count.fold(0_usize, usize::saturating_add);
+        ensure!(
+            count <= MAX_VARIABLES,
+            "its variables have {count} elements, expected at most {MAX_VARIABLES}"
+        );
+        let mut variables = Vec::new();
+        let mut clocked = HashSet::new();
+        let mut scalars = Vec::with_capacity(count);
+        let mut index = HashMap::with_capacity(count);
+        let mut arrays = HashMap::new();
+        for (_, v) in model.variables() {
+            for name in [v.name.as_str()].into_iter().chain(v.aliases()) {
+                let names = (0..v.element_count()).map(|element| v.element_name(name, element));
+                index.extend(names.zip(scalars.len()..));
+                if !v.dimensions.is_empty() && v.element_count() > 0 {
+                    arrays
+                        .insert(name.to_owned(), scalars.len()..scalars.len() + v.element_count());
+                }
+            }
+            let variable = variables.len();
+            scalars.extend((0..v.element_count()).map(|element| Scalar { variable, element }));
+            if v.element.attribute("clocks").is_some() {
+                clocked.insert(variable);
+            }
+            variables.push(Variable::clone(v));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            version: model.version,
+            feedthrough: feedthrough(&model),
+            variables,
+            scalars,
+            clocked,
+            index,
+            arrays,
+            units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
+            tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
+            step: model.experiment("stepSize").filter(|step| *step > 0.0),
+            interface_type,
+            equations: [model.derivatives.len(), indicators],
+            code: Code::Binary(UnpackedBinary {
+                version: model.version,
+                interface_type,
+                file: binary,
+                library: OnceLock::new(),
+                folder: ProcessOwned::new(folder),
+                token: model.token().to_owned(),
+                limits: Limits {
+                    call: sandbox.call,
+                    memory: sandbox.memory.map(|bytes| bytes.try_into().unwrap_or(usize::MAX)),
+                },
+                problems: problem_categories(&root),
+            }),
+            only_once,
+            states: states(&model),
+            is_directional: interface.is_true(match model.version {
+                FmiVersion::Fmi2 => "providesDirectionalDerivative",
+                FmiVersion::Fmi3 => "providesDirectionalDerivatives",
+            }),
+        })
+    }
+}
+
+/// Replaces the start values of structural parameters.
+fn resize(root: &mut Element<'_>, sizes: &Sizes) {
+    let lists = root.children.iter_mut();
+    for variable in lists.flat_map(|list| &mut list.children) {
+        let size = variable.attribute("name").and_then(|name| sizes.get(name));
+        if let Some(size) = size.map(i128::to_string) {
+            let starts = variable.attributes.iter_mut();
+            for (_, start) in starts.filter(|(key, _)| *key == "start") {
+                *start = size.clone().into();
+            }
+        }
+    }
+}
+
+/// Maximum number of scalar variables and elements of arrays; more are assumed to be a mistake.
+const MAX_VARIABLES: usize = 1 << 20;
+
+/// How the master runs the FMU, and the element of this interface: as wanted, by default co-simulation if the FMU
+/// supports it.
+fn interface<'a>(
+    model: &ModelDescription<'a>,
+    wanted: Option<InterfaceType>,
+) -> Result<(InterfaceType, &'a Element<'a>)> {
+    let of = |interface_type| {
+        let element = match interface_type {
+            InterfaceType::CoSimulation => model.co_simulation(),
+            InterfaceType::ModelExchange => model.model_exchange(),
+        };
+        Some((interface_type, element?))
+    };
+    let all = [InterfaceType::CoSimulation, InterfaceType::ModelExchange];
+    let tried = match &wanted {
+        Some(wanted) => std::slice::from_ref(wanted),
+        None => &all,
+    };
+    let Some(found) = tried.iter().find_map(|interface| of(*interface)) else {
+        let other = match (all.into_iter().find(|i| of(*i).is_some()), model.scheduled_execution())
+        {
+            (Some(other), _) => format!(", only {}", other.as_str()),
+            (None, Some(_)) => {
+                ", only scheduled execution, whose model partitions a host must activate by clocks"
+                    .to_owned()
+            }
+            (None, None) => String::new(),
+        };
+        let wanted = wanted.unwrap_or_default().as_str();
+        bail!("it does not support {wanted}{other}");
+    };
+    let is_input_clock =
+        |v: &&XmlVariable<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
+    if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
+        bail!(
+            "its clock {} must be ticked by the master, which is not supported; it needs a host that activates input clocks in event mode",
+            clock.name
+        );
+    }
+    Ok(found)
+}
+
+/// The names of the continuous states and their derivatives.
+fn states(model: &ModelDescription<'_>) -> Vec<[String; 2]> {
+    let names = model.derivatives.iter().filter_map(|unknown| {
+        let derivative = model.variable(unknown.index)?;
+        let state = model.referred(derivative.value, "derivative")?;
+        Some([state.name.clone(), derivative.name.clone()])
+    });
+    names.collect()
+}
+
+fn feedthrough(model: &ModelDescription<'_>) -> HashMap<usize, Vec<usize>> {
+    // Invalid variables are left out.
+    let mut first = 0;
+    let mut positions: HashMap<usize, usize> = HashMap::new();
+    for (index, variable) in model.variables() {
+        positions.insert(index, first);
+        first += variable.element_count();
+    }
+    let position = |index: usize| positions.get(&index).copied();
+    let declared = model.outputs.iter().filter_map(|unknown| {
+        let inputs = unknown.dependencies.as_ref()?.iter();
+        let inputs = inputs.filter_map(|n| model.index(*n).and_then(position));
+        Some((unknown.index.and_then(position)?, inputs.collect()))
+    });
+    declared.collect()
+}
