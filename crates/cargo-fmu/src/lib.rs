@@ -5,6 +5,7 @@ pub mod commands;
 mod plot;
 pub mod session;
 mod ui;
+mod worker;
 
 use std::ffi::OsString;
 use std::io::{self, Write};
@@ -116,10 +117,13 @@ Examples:
   cargo fmu ssp my-system.toml --out packages"
     )]
     Ssp(ssp::SspArgs),
-    /// Run one test of a binary in its own process
+    /// Be a worker process of another command
     // Resembles no other command, which would be suggested for a misspelled one.
-    #[command(hide = true, name = "__probe")]
-    Probe,
+    #[command(hide = true, name = worker::COMMAND)]
+    Worker {
+        /// The code that has started it
+        supervisor: worker::Supervisor,
+    },
     /// Print a completion script for a shell
     #[command(after_help = "Example:
   source <(cargo fmu completions bash)")]
@@ -129,13 +133,11 @@ Examples:
     },
 }
 
-/// Runs the command line with these arguments, the first of which is the name of the program. To run foreign
-/// code in other processes, it is started again: by `program` and the other arguments; if `program` is empty, it
-/// is the program of this process.
+/// Runs the command line with these arguments, the first of which is the name of the program. The words of `program`
+/// start it again, as a worker process; if there are none, the program of this process does.
 pub fn main(program: Vec<OsString>, arguments: impl Iterator<Item = OsString>) -> ExitCode {
-    let arguments = Vec::from_iter(arguments);
-    session::started(program, arguments.iter().skip(1).cloned().collect());
-    match execute(Cli::parse_from(without_subcommand(arguments.into_iter())).command) {
+    session::set_program(program);
+    match execute(Cli::parse_from(without_subcommand(arguments)).command) {
         Ok(code) => code,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
@@ -186,7 +188,7 @@ fn execute(command: Command) -> Result<ExitCode> {
         Command::Completions { shell } => {
             out.write_all(&completions::script(shell, Cli::command()))?;
         }
-        Command::Probe => fmu_check::probe()?,
+        Command::Worker { supervisor } => worker::main(supervisor)?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -1,5 +1,5 @@
-//! What a command has to clean up when it ends or is interrupted: its temporary folder and its
-//! unfinished files.
+//! Supervisor side: the session of a command, its temporary folder and unfinished files, which are removed when it ends
+//! or is interrupted; and how its worker processes are started.
 
 use std::ffi::OsString;
 use std::fs::{self, DirEntry, File};
@@ -18,6 +18,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use tempfile::TempDir;
 
 use crate::ui;
+use crate::worker;
 
 /// A command in progress. All temporary folders are in one, which is removed with this value.
 pub struct Session {
@@ -104,35 +105,39 @@ impl Session {
     }
 }
 
-/// What starts this command line again: a program and its first arguments; and the other arguments.
-static STARTED: OnceLock<(Vec<OsString>, Vec<OsString>)> = OnceLock::new();
+/// A program and its first arguments, which start this command line.
+static PROGRAM: OnceLock<Vec<OsString>> = OnceLock::new();
 
-/// Notes what has started the command line.
-pub fn started(program: Vec<OsString>, arguments: Vec<OsString>) {
+/// Notes the words that start this command line; if there are none, the file of this process does.
+pub fn set_program(program: Vec<OsString>) {
     // Only tests start it twice, in the same way.
-    let _ = STARTED.set((program, arguments));
+    let _ = PROGRAM.set(program);
 }
 
-/// A program and its first arguments, which start this command line again without the others.
+/// The words after the command line that start a worker process for the master.
+pub const WORKER: [&str; 2] = [worker::COMMAND, "master"];
+/// The same for the validator.
+pub const VALIDATOR: [&str; 2] = [worker::COMMAND, "validator"];
+
+/// The words that start this command line: a program and its first arguments.
 ///
 /// # Errors
 /// The system does not tell the file of this program.
 pub fn program() -> io::Result<Vec<OsString>> {
-    match STARTED.get() {
-        Some((program, _)) if !program.is_empty() => Ok(program.clone()),
+    match PROGRAM.get() {
+        Some(program) if !program.is_empty() => Ok(program.clone()),
         _ => Ok(vec![std::env::current_exe()?.into()]),
     }
 }
 
-/// A command that starts this command line again with the same arguments, as a worker.
+/// A command that starts a worker process for the master.
 ///
 /// # Errors
 /// As [`program`].
 pub fn worker() -> io::Result<Command> {
     let program = program()?;
     let mut command = Command::new(&program[0]);
-    command.args(&program[1..]);
-    command.args(STARTED.get().iter().flat_map(|(_, arguments)| arguments));
+    command.args(&program[1..]).args(WORKER);
     Ok(command)
 }
 

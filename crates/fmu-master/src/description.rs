@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::{Amount, Fault};
 use crate::package::SystemOrigin;
+use crate::table::Series;
 use crate::{Experiment, Function, Literal};
 
 /// A system of coupled FMUs.
@@ -49,6 +50,9 @@ pub struct Description {
     pub outputs: Vec<String>,
     /// A CSV or Parquet file with values of inputs over time, relative to the folder of the system file.
     pub input: Option<PathBuf>,
+    /// Values of inputs over time, if there is no file.
+    #[serde(skip)]
+    pub input_table: Option<Vec<Series>>,
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
     pub is_single: bool,

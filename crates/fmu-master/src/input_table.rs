@@ -1,4 +1,4 @@
-//! The input table: values of inputs over time, from a file.
+//! The input table: values of inputs over time, from a file or from Python.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -52,7 +52,11 @@ impl InputTable {
         Self::new(&table, components, connections).with_context(|| file.display().to_string())
     }
 
-    fn new(
+    /// Checks a table.
+    ///
+    /// # Errors
+    /// A column is not an input that is free, or a row is invalid.
+    pub(crate) fn new(
         table: &[Series],
         components: &Components,
         connections: &[ResolvedConnection],
@@ -126,10 +130,25 @@ impl InputTable {
     }
 }
 
+/// A value in the type of an input, if it is finite and of the same kind; others are read as text, which may fail.
+fn converted(value: &Value, kind: Type) -> Option<Value> {
+    match value {
+        Value::Boolean(_) | Value::String(_) => (value.of_type() == kind).then(|| value.clone()),
+        _ if kind.is_float() => {
+            let real = value.as_real().or_else(|| value.as_whole().map(|whole| whole as f64))?;
+            Value::real(kind, real).filter(|_| real.is_finite())
+        }
+        _ => Value::whole(kind, value.as_whole()?),
+    }
+}
+
 /// The values of a column in the type of an input.
 fn values(series: &Series, kind: Type) -> Result<Vec<Value>> {
     let column = Column::new(&series.name, "", kind);
     let cells = series.cells.iter().zip(1..).map(|(cell, row)| {
+        if let Some(value) = cell.as_ref().and_then(|value| converted(value, kind)) {
+            return Ok(value);
+        }
         let text = cell.as_ref().map(|value| match value.as_real() {
             Some(real) => format!("{real:?}"), // of a Float32, too, all digits
             None => value.to_string(),

@@ -51,6 +51,7 @@ mod fmu;
 mod function;
 mod input_table;
 mod integrator;
+pub mod job;
 mod literal;
 mod messages;
 mod note;

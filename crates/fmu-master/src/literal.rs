@@ -5,13 +5,14 @@ use std::fmt;
 use anyhow::{Context, Result, ensure};
 use fmu_description::{Type, Value, Variable};
 use serde::de::{Error as _, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::de::ValueDeserializer;
 
 use crate::table;
 
 /// A value as the user writes it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub enum Literal {
     /// `true` or `false`.
     Boolean(bool),
@@ -45,9 +46,19 @@ impl From<&Value> for Literal {
     }
 }
 
+/// Files of the user have the value itself, messages between processes also its kind.
 impl<'de> Deserialize<'de> for Literal {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(LiteralVisitor)
+        match deserializer.is_human_readable() {
+            true => deserializer.deserialize_any(LiteralVisitor),
+            false => Self::deserialize(deserializer),
+        }
+    }
+}
+
+impl Serialize for Literal {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
     }
 }
 
@@ -130,7 +141,8 @@ impl Literal {
             |lengths: &[usize]| Vec::from_iter(lengths.iter().map(usize::to_string)).join(" x ");
         let expected = shape(dimensions);
         if let Self::Text(text) = self {
-            let array = ValueDeserializer::parse(text).and_then(Self::deserialize).ok();
+            let array =
+                ValueDeserializer::parse(text).and_then(<Self as Deserialize>::deserialize).ok();
             let array = array.with_context(|| {
                 format!("{name} = {self} is invalid; expected an array of {expected} values")
             })?;

@@ -1,4 +1,4 @@
-//! Overrides: the options of the command line, which replace parts of a description.
+//! Overrides: the options of the command line and the arguments of Python that replace parts of a description.
 
 use std::path::PathBuf;
 
@@ -8,16 +8,16 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
-use crate::{Description, Order, Sandbox};
+use crate::table::Series;
+use crate::{Description, Literal, Order, Sandbox};
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
-#[serde(default)]
 pub struct Overrides {
     /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
     /// has no COMPONENT
     #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
-    pub sets: Vec<(String, String)>,
+    pub sets: Vec<(String, Literal)>,
     /// Start time in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub start: Option<f64>,
@@ -46,6 +46,9 @@ pub struct Overrides {
     /// CSV or Parquet file with values of inputs: a column time in s, and one for each input
     #[arg(long, value_name = "FILE")]
     pub input: Option<PathBuf>,
+    /// A table of inputs, with which there is no file.
+    #[arg(skip)]
+    pub input_table: Option<Vec<Series>>,
     /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]
     pub fmus: Option<PathBuf>,
@@ -71,7 +74,10 @@ impl Overrides {
         if !self.outputs.is_empty() {
             description.outputs.clone_from(&self.outputs);
         }
-        description.input = self.input.clone().or(description.input.take());
+        if self.input.is_some() || self.input_table.is_some() {
+            description.input.clone_from(&self.input);
+            description.input_table.clone_from(&self.input_table);
+        }
         if let Some(folder) = &self.fmus {
             description.take_fmus_from(folder);
         }
@@ -91,7 +97,7 @@ fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
 }
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.
-fn assignment(text: &str) -> Result<(String, String)> {
+fn assignment(text: &str) -> Result<(String, Literal)> {
     let (mut is_quoted, mut last) = (false, '.');
     let end = text.find(|c| {
         // An apostrophe within a part of a name is no quote.
@@ -102,16 +108,16 @@ fn assignment(text: &str) -> Result<(String, String)> {
     let end = end
         .or_else(|| text.find('='))
         .context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
-    Ok((text[..end].to_owned(), text[end + 1..].to_owned()))
+    Ok((text[..end].to_owned(), Literal::Text(text[end + 1..].to_owned())))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::assignment;
+    use super::{Literal, assignment};
 
     #[test]
     fn a_value_follows_the_first_equals_sign_outside_a_quoted_name() {
-        let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+        let pair = |name: &str, value: &str| (name.to_owned(), Literal::Text(value.to_owned()));
         assert_eq!(assignment("p.'a=b'=1").unwrap(), pair("p.'a=b'", "1"));
         assert_eq!(assignment("p.text=a=b").unwrap(), pair("p.text", "a=b"));
         assert_eq!(assignment("p.it's=1").unwrap(), pair("p.it's", "1"));

@@ -61,9 +61,13 @@ impl Plan {
         if description.order == Order::Sequential && !description.allow_algebraic_loops {
             algebraic_loop::check(&components, &connections)?;
         }
-        let input = description.input.as_deref();
-        let input = input.map(|file| InputTable::read(file, &components, &connections));
-        let input = input.transpose()?;
+        let input = match (&description.input_table, &description.input) {
+            (Some(table), _) => {
+                Some(InputTable::new(table, &components, &connections).context("input")?)
+            }
+            (None, Some(file)) => Some(InputTable::read(file, &components, &connections)?),
+            (None, None) => None,
+        };
         let (recorded, names): (Vec<_>, Vec<_>) =
             recorded(&components, &description.outputs)?.into_iter().unzip();
         let bounds = |id: &ScalarId| {
@@ -87,7 +91,7 @@ impl Plan {
         })
     }
 
-    /// Start values as text, by `component.variable`, for [`Plan::simulate`]. Those of structural parameters,
+    /// Start values by `component.variable`, for [`Plan::simulate`]. Those of structural parameters,
     /// which are sizes of arrays, make another plan of the description.
     ///
     /// # Errors
@@ -95,15 +99,15 @@ impl Plan {
     pub fn set(
         mut self,
         mut description: Description,
-        sets: &[(String, String)],
+        sets: &[(String, Literal)],
     ) -> Result<(Self, Vec<StartValue>)> {
         let sizes = self.sizes(sets);
         if !sizes.is_empty() {
-            for (name, text) in sizes {
+            for (name, literal) in sizes {
                 let name = self.components.unquoted(name);
                 let (component, variable) = self.components.split(&name)?;
                 let starts = &mut description.components[component].start;
-                starts.insert(variable.to_owned(), Literal::Text(text.clone()));
+                starts.insert(variable.to_owned(), literal.clone());
             }
             self = Self::new(&description)?;
         }
@@ -113,21 +117,22 @@ impl Plan {
 
     /// The start values in a list for [`Plan::set`] that make another plan: those of structural parameters, and with
     /// them those of arrays, whose sizes may differ from the ones in the description.
-    pub fn sizes<'a>(&self, sets: &'a [(String, String)]) -> Vec<&'a (String, String)> {
+    pub fn sizes<'a>(&self, sets: &'a [(String, Literal)]) -> Vec<&'a (String, Literal)> {
         if !sets.iter().any(|(name, _)| self.is_structural(name)) {
             return Vec::new();
         }
-        let is_array = |text: &String| Literal::Text(text.clone()).is_array();
-        sets.iter().filter(|(name, text)| self.is_structural(name) || is_array(text)).collect()
+        let is_size =
+            |name: &str, literal: &Literal| self.is_structural(name) || literal.is_array();
+        sets.iter().filter(|(name, literal)| is_size(name, literal)).collect()
     }
 
     /// The other start values in such a list, for [`Plan::simulate`].
     ///
     /// # Errors
     /// As [`Plan::set`].
-    pub fn start_values(&self, sets: &[(String, String)]) -> Result<Vec<StartValue>> {
+    pub fn start_values(&self, sets: &[(String, Literal)]) -> Result<Vec<StartValue>> {
         let others = sets.iter().filter(|(name, _)| !self.is_structural(name));
-        others.map(|(name, text)| self.start(name, &Literal::Text(text.clone()))).collect()
+        others.map(|(name, literal)| self.start(name, literal)).collect()
     }
 
     /// Whether a variable, `component.variable`, is a structural parameter.

@@ -32,7 +32,7 @@ pub struct Setup {
     /// The relative tolerance.
     pub tolerance: Option<f64>,
     /// Values of structural parameters, which are sizes of arrays.
-    pub sizes: Vec<(String, String)>,
+    pub sizes: Vec<(String, Literal)>,
 }
 
 /// A request to an FMU. Variables are scalars or elements, by their numbers in [`Names`].
@@ -89,9 +89,7 @@ impl Names {
         let component = &mut description.components[0];
         component.interface = setup.interface;
         component.name = setup.name.clone().unwrap_or(std::mem::take(&mut component.name));
-        for (name, size) in &setup.sizes {
-            component.start.insert(name.clone(), Literal::Text(size.clone()));
-        }
+        component.start.extend(setup.sizes.iter().cloned());
         let mut plan = Plan::new(&description)?;
         Ok(Self(plan.components.all.swap_remove(0)))
     }

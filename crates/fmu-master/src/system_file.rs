@@ -56,6 +56,17 @@ impl Description {
         Ok(description)
     }
 
+    /// As [`Description::parse`], for a text that is not on the disk, whose lines are not the user's.
+    ///
+    /// # Errors
+    /// It is not a valid description.
+    pub fn parse_unsaved(text: &str, file: &Path) -> Result<Self> {
+        Self::parse(text, file).map_err(|error| {
+            let text = error.to_string();
+            anyhow!("{}", text.rsplit_once("^\n").map_or(&*text, |(_, reason)| reason))
+        })
+    }
+
     /// One FMU, with the times of its default experiment: by default from 0 s for 1 s, in 500 steps. Its rows
     /// are those of `fmpy.simulate_fmu` with this step, so that also a sampled FMU has the outputs before each step.
     ///

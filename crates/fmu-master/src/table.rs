@@ -17,10 +17,10 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Type, Value};
-use fmu_file::replace::Replacement;
 use serde::{Deserialize, Serialize};
 
 pub use compare::{Difference, Tolerance, compare};
+pub use parquet::ParquetWriter;
 pub use read::{Series, read, times};
 pub(crate) use read::{boolean, read_texts, rounding};
 
@@ -200,10 +200,11 @@ pub fn write_parquet(
     columns: &[Column],
     rows: impl Iterator<Item = Result<Vec<Cell>>>,
 ) -> Result<()> {
-    let mut output = Replacement::of(file)?;
-    let cannot = || format!("cannot write {}", file.display());
-    parquet::write(&mut output, columns, rows).with_context(cannot)?;
-    output.finish()
+    let mut writer = ParquetWriter::new(file, columns);
+    for row in rows {
+        writer.push(row?)?;
+    }
+    writer.finish()
 }
 
 #[cfg(test)]

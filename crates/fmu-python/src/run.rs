@@ -1,4 +1,4 @@
-//! One run of a system for Python, in a worker process or in this one.
+//! Supervisor side of runs for Python, in a worker process or in the process of Python.
 
 use std::cell::{Cell, RefCell};
 use std::ffi::OsString;
@@ -8,8 +8,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use cargo_fmu::session::Session;
+use cargo_fmu::session::{Session, WORKER};
 use fmu_description::Value;
+use fmu_master::job::{self, Job, LoadedSystem, SystemSource};
 use fmu_master::run::{self, Completed, Computed, RunOutcome, Watch, supervise};
 use fmu_master::table::{self, Series, Tolerance};
 use fmu_master::{
@@ -21,8 +22,8 @@ use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyDict, PyString, PyTuple};
 
-use crate::columns::{Columns, from_python, to_python};
-use crate::job::{Job, Loaded, System, given};
+use crate::arguments::{self, Table};
+use crate::values::{Cells, Columns, from_python, to_python};
 use crate::words;
 
 pyo3::import_exception!(fmu_master.result, FmuError);
@@ -58,7 +59,7 @@ pub struct Runner {
 struct Kept {
     /// The session is dropped after the worker.
     worker: Option<(Worker, Session)>,
-    loaded: Loaded,
+    loaded: LoadedSystem,
     functions: Arc<Functions>,
 }
 
@@ -76,7 +77,7 @@ impl Runner {
     fn run<'py>(
         &self,
         py: Python<'py>,
-        system: &str,
+        system: &Bound<'py, PyDict>,
         steps: Vec<Py<PyAny>>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
@@ -85,7 +86,7 @@ impl Runner {
                 "the system was loaded by the process from which this one was forked, expected one that this one has loaded",
             ));
         }
-        let system = given(system).map_err(error)?;
+        let system = arguments::system(system)?;
         let (outcome, raised) = py.detach(|| {
             let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
             let looked = Cell::new(Instant::now());
@@ -195,22 +196,13 @@ pub fn read(py: Python<'_>, file: PathBuf) -> PyResult<Vec<(String, String, Cell
 #[pyfunction]
 pub fn compare<'py>(
     py: Python<'py>,
-    tables: [Vec<(String, String, Cells<'py>)>; 2],
+    tables: [Table<'py>; 2],
     names: [String; 2],
     absolute: f64,
     relative: f64,
     held: Vec<String>,
 ) -> PyResult<Vec<(String, f64, Cells<'py>, String)>> {
-    let series = |(name, unit, cells): &(String, String, Cells<'py>)| {
-        let cells = cells.iter().map(|cell| cell.as_ref().map(from_python).transpose());
-        Ok(Series {
-            name: name.clone(),
-            unit: unit.clone(),
-            cells: cells.collect::<PyResult<_>>()?,
-        })
-    };
-    let [a, b] =
-        tables.each_ref().map(|table| table.iter().map(series).collect::<PyResult<Vec<_>>>());
+    let [a, b] = tables.each_ref().map(arguments::series);
     let (a, b) = (a?, b?);
     let differences = py.detach(|| {
         let tolerance = Tolerance { absolute, relative };
@@ -226,19 +218,19 @@ pub fn compare<'py>(
     told.collect()
 }
 
-/// The values of a column.
-type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
-
 /// The start time, stop time and step (s) of a system.
 #[pyfunction]
-pub fn times(py: Python<'_>, system: &str) -> PyResult<(f64, f64, f64)> {
+pub fn times(py: Python<'_>, system: &Bound<'_, PyDict>) -> PyResult<(f64, f64, f64)> {
     let Experiment { start, stop, step } = plan(py, system)?.experiment;
     Ok((start, stop, step))
 }
 
 /// The communication points of a system (s) and the one after the last, as bytes.
 #[pyfunction]
-pub fn points<'py>(py: Python<'py>, system: &str) -> PyResult<Bound<'py, PyByteArray>> {
+pub fn points<'py>(
+    py: Python<'py>,
+    system: &Bound<'_, PyDict>,
+) -> PyResult<Bound<'py, PyByteArray>> {
     let Plan { experiment, .. } = plan(py, system)?;
     let points = (0..=experiment.steps().map_err(error)?).map(|k| experiment.time(k));
     let bytes = Vec::from_iter(points.flat_map(f64::to_ne_bytes));
@@ -247,14 +239,14 @@ pub fn points<'py>(py: Python<'py>, system: &str) -> PyResult<Bound<'py, PyByteA
 
 /// The smallest and the largest value of each recorded variable of a system, None where there is none.
 #[pyfunction]
-pub fn bounds(py: Python<'_>, system: &str) -> PyResult<Vec<[Option<f64>; 2]>> {
+pub fn bounds(py: Python<'_>, system: &Bound<'_, PyDict>) -> PyResult<Vec<[Option<f64>; 2]>> {
     Ok(plan(py, system)?.bounds)
 }
 
-fn plan(py: Python<'_>, system: &str) -> PyResult<Plan> {
-    let system: System = given(system).map_err(error)?;
+fn plan(py: Python<'_>, system: &Bound<'_, PyDict>) -> PyResult<Plan> {
+    let system = arguments::system(system)?;
     let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
-    let (plan, _) = py.detach(|| system.plan(&never)).map_err(error)?;
+    let (plan, _) = py.detach(|| system.plan(&never, &mut |_| ())).map_err(error)?;
     Ok(plan)
 }
 
@@ -354,33 +346,38 @@ impl Host {
     }
 }
 
-/// Starts a worker process for a job by a command. The folder of the session must outlive it.
+/// Starts a worker process for a job. `program` starts the command line; the folder of the session must outlive the
+/// process.
 ///
 /// # Errors
 /// The process cannot be started.
 pub fn start(session: &Session, program: &[OsString], job: &Job) -> Result<Worker> {
-    let limits = Limits {
-        call: Some(CALL),
-        memory: available_memory().map(|bytes| bytes / 10 * 9),
-        ..Limits::default()
-    };
+    let worker = job::start(&mut command(program), session.folder(), limits(1), job);
+    worker.context("cannot start a worker process")
+}
+
+/// A command that starts a worker process, for words that start the command line.
+pub fn command(program: &[OsString]) -> Command {
     let mut command = Command::new(&program[0]);
-    command.args(&program[1..]);
-    let worker = Worker::start(&mut command, session.folder(), limits);
-    let mut worker = worker.context("cannot start a worker process")?;
-    worker.send(job);
-    Ok(worker)
+    command.args(&program[1..]).args(WORKER);
+    command
+}
+
+/// The limits of each of several worker processes.
+pub fn limits(count: usize) -> Limits {
+    let memory = available_memory().map(|bytes| bytes / 10 * 9 / count as u64);
+    Limits { call: Some(CALL), memory, ..Limits::default() }
 }
 
 /// Runs a system in a worker process, the one of the run before if it was kept.
 fn in_worker(
-    system: System,
+    system: SystemSource,
     program: &[OsString],
     keeps: bool,
     kept: &mut Kept,
     host: &Host,
 ) -> Result<Outcome> {
-    let job = Job::Run(system);
+    let job = Job::Run { system, records: true };
     let mut process = match kept.worker.take() {
         Some((mut worker, session)) => {
             worker.send(&job);
@@ -434,12 +431,13 @@ fn in_worker(
 }
 
 /// Runs a system in this process.
-fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Outcome> {
+fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result<Outcome> {
     let functions = kept.functions.clone();
     let compute = move |function, time, inputs: &[Value]| functions.compute(function, time, inputs);
     let messages = Messages::default();
     let mut outcome = Outcome::default();
-    let (plan, starts) = match kept.loaded.plan(system, &compute) {
+    let mut warn = |text: &str| outcome.warnings.push(text.to_owned());
+    let (plan, starts) = match kept.loaded.plan(system, &compute, &mut warn) {
         Ok(planned) => planned,
         Err(error) => {
             outcome.end = Some(Err(RunError::new(error, Vec::new())));

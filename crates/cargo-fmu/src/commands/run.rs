@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::thread;
 use std::time::{Duration, SystemTime};
@@ -10,7 +10,6 @@ use std::time::{Duration, SystemTime};
 use anyhow::{Result, bail};
 use clap::Args;
 use fmu_build::{ExportOptions, FmiVersion, Selection};
-use fmu_worker::Service;
 
 use super::export;
 use super::simulate::{self, SimulateArgs};
@@ -27,9 +26,6 @@ pub struct RunArgs {
     watch: bool,
     #[command(flatten)]
     selection: Selection,
-    /// Folder of the FMUs that were built; used by the worker process
-    #[arg(long, hide = true, value_name = "DIR")]
-    built: Option<PathBuf>,
 }
 
 /// Interval between looks at the sources.
@@ -40,11 +36,6 @@ const PERIOD: Duration = Duration::from_millis(300);
 /// # Errors
 /// The models cannot be built, or as [`simulate::run`]; with `--watch`, such errors are only printed.
 pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
-    if let (Some(folder), Some(mut service)) = (&args.built, Service::from_env()?) {
-        args.simulation.use_fmus(folder);
-        simulate::work(&args.simulation, &mut service)?;
-        return Ok(ExitCode::SUCCESS);
-    }
     let session = Session::start()?;
     let folder = session.folder().join("fmu");
     let models = Vec::from_iter(args.simulation.model());
@@ -67,11 +58,7 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
         let begin = SystemTime::now();
         let ended = export::build(&options).and_then(|_| match session.signal() {
             Some(signal) => Ok(session::code(signal)),
-            None => {
-                let mut worker = session::worker()?;
-                worker.arg("--built").arg(&folder);
-                simulate::supervise(&args.simulation, &session, &mut worker, out)
-            }
+            None => simulate::supervise(&args.simulation, &session, out),
         });
         if !args.watch {
             return ended;

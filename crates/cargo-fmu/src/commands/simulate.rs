@@ -1,24 +1,21 @@
-//! `cargo fmu simulate`: one run of an FMU or of a system of coupled FMUs, in a process of its own, since an
-//! FMU may crash, hang or exit.
+//! Supervisor side of `cargo fmu simulate`: one run of an FMU or of a system of coupled FMUs, in a worker process, since
+//! an FMU may crash, hang or exit.
 
 use std::cell::{OnceCell, RefCell};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::{Context, Error, Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use fmu_description::{Type, Value};
 use fmu_file::replace;
-use fmu_master::run::{self, FinishedRun, RunOutcome, Watch};
+use fmu_master::job::{self, Job, SystemSource};
+use fmu_master::run::{self, RunOutcome, SupervisedRun, Watch};
 use fmu_master::table::{Format, header, push_line};
-use fmu_master::{
-    Column, Description, Experiment, Message, Overrides, Plan, Row, StartValue, Statistics, is_fmu,
-    locate,
-};
-use fmu_worker::{Service, Worker};
+use fmu_master::{Column, Experiment, Message, Overrides, Row, Statistics};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::limits::Limited;
@@ -60,45 +57,28 @@ fn results(file: &str) -> Result<PathBuf, &'static str> {
 /// # Errors
 /// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
 pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
-    if let Some(mut service) = Service::from_env()? {
-        work(args, &mut service)?;
-        return Ok(ExitCode::SUCCESS);
-    }
-    supervise(args, &Session::start()?, &mut session::worker()?, out)
-}
-
-/// Simulates the system in this worker process.
-///
-/// # Errors
-/// The supervising process has ended.
-pub fn work(args: &SimulateArgs, service: &mut Service) -> Result<()> {
-    let records = args.csv.is_some() || args.page.file.is_some();
-    run::work(service, records, || plan(args))
+    supervise(args, &Session::start()?, out)
 }
 
 /// Starts a worker process and reports its results.
 ///
 /// # Errors
 /// As [`run()`].
-pub fn supervise(
-    args: &SimulateArgs,
-    session: &Session,
-    worker: &mut Command,
-    out: &mut impl Write,
-) -> Result<ExitCode> {
+pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -> Result<ExitCode> {
     args.check_files()?;
     let is_printed = args.prints_rows();
+    let mut command = session::worker()?;
     let mut messages = anstream::stderr();
     let mut out: &mut dyn Write = if is_printed {
         // What an FMU prints must not get among the rows.
-        worker.stdout(io::stderr());
+        command.stdout(io::stderr());
         &mut messages
     } else {
         out
     };
     let printer = RefCell::new(Printer::default());
     let limits = args.limited.limits(1)?;
-    let mut worker = Worker::start(worker, session.folder(), limits)?;
+    let mut worker = job::start(&mut command, session.folder(), limits, &args.job())?;
     let progress = Progress::new()?;
     let unsaved = session.folder().join("rows.csv");
     // A page is drawn of rows that can be read again, which a device or a pipe does not allow.
@@ -158,6 +138,14 @@ pub fn supervise(
 }
 
 impl SimulateArgs {
+    /// The job of the worker process.
+    fn job(&self) -> Job {
+        let (file, sandbox) = (self.system.clone(), self.limited.sandbox());
+        let overrides = Overrides { sandbox, ..self.changes.clone() };
+        let records = self.csv.is_some() || self.page.file.is_some();
+        Job::Run { system: SystemSource { file, overrides, ..SystemSource::default() }, records }
+    }
+
     /// Checks before the run what would be found after it.
     fn check_files(&self) -> Result<()> {
         for file in self.changes.input.iter().chain(&self.over) {
@@ -195,30 +183,6 @@ pub fn stem(file: &Path) -> String {
     file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Reads the system file, applies the options and loads the FMUs.
-fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<StartValue>)> {
-    let overrides = Overrides { sandbox: args.limited.sandbox(), ..args.changes.clone() };
-    let mut description = Description::open(&args.system)?;
-    overrides.apply(&mut description);
-    for warning in description.package.iter().flat_map(|package| &package.warnings) {
-        ui::warn(warning);
-    }
-    let plan = Plan::new(&description).map_err(|error| located(args, error))?;
-    plan.set(description, &overrides.sets)
-}
-
-/// Adds the system file to an error, and the line unless the value may come from an option.
-fn located(args: &SimulateArgs, error: Error) -> Error {
-    if is_fmu(&args.system) {
-        return error;
-    }
-    let text = match args.changes.start.or(args.changes.stop).or(args.changes.step) {
-        None => fs::read_to_string(&args.system).unwrap_or_default(),
-        Some(_) => String::new(),
-    };
-    locate(error, &args.system, &text)
-}
-
 fn warn(messages: &[Message]) {
     for message in messages.iter().filter(|message| message.warning) {
         let Message { instance, text, .. } = message;
@@ -231,7 +195,7 @@ fn warn(messages: &[Message]) {
     }
 }
 
-fn report(out: &mut impl Write, finished: &FinishedRun) -> Result<()> {
+fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
     let (ready, completed) = (&finished.ready, &finished.completed);
     let (columns, time) = (&ready.columns, completed.last.time);
     let last = format!("at t = {time} s");

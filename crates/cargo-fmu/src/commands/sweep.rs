@@ -1,4 +1,4 @@
-//! `cargo fmu sweep`: many runs of a system, each with different parameter values.
+//! Supervisor side of `cargo fmu sweep`: many runs of a system, each with different parameter values.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fmu_master::Overrides;
-use fmu_master::sweep::{Outline, Study, SweepProgress, Workers};
-use fmu_worker::{Limits, Service};
+use fmu_master::job::{self, Job};
+use fmu_master::sweep::{Outline, Study, SweepProgress, SweepSource, Workers, process_count};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::limits::Limited;
@@ -68,34 +68,33 @@ fn runs(text: &str) -> Result<Range<u64>> {
 /// # Errors
 /// A file is invalid or cannot be written, or every run failed.
 pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
-    let options = Overrides {
-        fmus: args.fmus.clone(),
-        input: args.input.clone(),
-        sandbox: args.limited.sandbox(),
-        ..Overrides::default()
-    };
-    let open = || Study::open(&args.sweep, args.system.as_deref(), &options);
-    if let Some(mut service) = Service::from_env()? {
-        open()?.work(&mut service)?;
-        return Ok(ExitCode::SUCCESS);
-    }
     args.page.check()?;
     let session = Session::start()?;
-    let study = open()?;
-    let mut workers = Workers {
-        count: args.threads,
-        session: session.folder(),
-        limits: Limits::default(),
-        command: &|| {
+    let source = SweepSource {
+        file: args.sweep.clone(),
+        system: args.system.clone(),
+        overrides: Overrides {
+            fmus: args.fmus.clone(),
+            input: args.input.clone(),
+            sandbox: args.limited.sandbox(),
+            ..Overrides::default()
+        },
+        ..SweepSource::default()
+    };
+    let study = Study::open(&source)?;
+    let count = process_count(args.threads);
+    let (limits, job) = (args.limited.limits(count)?, Job::Sweep(source));
+    let workers = Workers {
+        count,
+        start: &|| {
             let mut command = session::worker()?;
             // What an FMU prints must not get among the rows.
             command.stdout(io::stderr());
-            Ok(command)
+            job::start(&mut command, session.folder(), limits, &job)
         },
         is_cancelled: &|| session.signal().is_some(),
         warn: &ui::warn,
     };
-    workers.limits = args.limited.limits(workers.count())?;
     let is_complete = if let Some(runs) = &args.rows {
         study.rows(runs.clone(), &workers, |line| {
             Ok(io::stdout().lock().write_all(line.as_bytes())?)

@@ -60,7 +60,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
         true => None,
         false => {
             let mut words = session::program()?;
-            words.push("__probe".into());
+            words.extend(session::VALIDATOR.map(Into::into));
             Some(Probes {
                 program: words.remove(0).into(),
                 arguments: words,

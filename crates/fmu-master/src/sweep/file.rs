@@ -2,15 +2,37 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, anyhow};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::metrics::Criteria;
 use super::parameter::Parameter;
 use super::signals::SignalNames;
 use crate::{Advice, Literal, Order, Overrides};
+
+/// A sweep as the user gives it.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct SweepSource {
+    /// The sweep file.
+    pub file: PathBuf,
+    /// The text of a sweep file that is not on the disk.
+    pub text: Option<String>,
+    /// The system file in place of the one that the sweep file names.
+    pub system: Option<PathBuf>,
+    /// The text of a system file that is not on the disk.
+    pub system_text: Option<String>,
+    /// The changes of the system, of which the folder of the FMUs, the table of inputs and the sandbox count.
+    pub overrides: Overrides,
+}
+
+impl SweepSource {
+    /// The name of the sweep in messages.
+    pub(super) fn name(&self) -> PathBuf {
+        self.text.as_ref().map_or_else(|| self.file.clone(), |_| "sweep".into())
+    }
+}
 
 /// The contents of a sweep file.
 #[derive(Debug, Deserialize)]
@@ -42,18 +64,25 @@ fn one() -> u64 {
 }
 
 impl SweepFile {
-    /// Reads a sweep file; returns its text, too.
+    /// Reads a sweep; returns the text of its file, too.
     ///
     /// # Errors
     /// It cannot be read, or is no sweep file.
-    pub(super) fn read(path: &Path) -> Result<(Self, String)> {
-        let text =
-            fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    pub(super) fn read(source: &SweepSource) -> Result<(Self, String)> {
+        let text = source.text.clone().map_or_else(|| fs::read_to_string(&source.file), Ok);
+        let text = text.with_context(|| format!("cannot read {}", source.file.display()))?;
         let file = toml::from_str(&text).map_err(|error| {
-            let text = format!("{}: {error}", path.display());
+            let name = source.name();
+            let shown = match (&source.text, error.span()) {
+                (Some(text), Some(span)) => {
+                    let line = text[..span.end].rsplit('\n').next().unwrap_or_default();
+                    format!("{}: {line}: {}\n", name.display(), error.message())
+                }
+                _ => format!("{}: {error}", name.display()),
+            };
             match error.message().contains("unknown field `component`") {
-                true => Advice::Simulate.after(format!("{text}it is a system, expected ")),
-                false => anyhow!("{text}"),
+                true => Advice::Simulate.after(format!("{shown}it is a system, expected ")),
+                false => anyhow!("{}", shown.trim_end()),
             }
         })?;
         Ok((file, text))

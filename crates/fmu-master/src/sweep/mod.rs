@@ -21,11 +21,12 @@ mod study;
 mod supervisor;
 mod worker;
 
+pub use file::SweepSource;
 pub use journal::Journal;
 pub use metrics::{Criteria, Metrics, MetricsAccumulator};
 pub use parameter::Parameter;
 pub use parameters::Parameters;
-pub use pool::Workers;
+pub use pool::{Workers, process_count};
 pub use progress::SweepProgress;
 pub use signals::LoopSample;
 pub use study::Study;

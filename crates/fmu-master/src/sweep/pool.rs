@@ -3,13 +3,11 @@
 
 use std::collections::VecDeque;
 use std::io;
-use std::path::Path;
-use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use fmu_worker::{Ended, Event, Limits, Worker};
+use fmu_worker::{Ended, Event, Worker};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -18,27 +16,21 @@ use crate::error::warn_of_calls;
 
 /// How a sweep starts its worker processes.
 pub struct Workers<'a> {
-    /// Their number; 0 for one per core.
+    /// Their number.
     pub count: usize,
-    /// A temporary folder.
-    pub session: &'a Path,
-    /// The limits of each process.
-    pub limits: Limits,
-    /// A command that calls [`Study::work`](crate::sweep::Study::work).
-    pub command: &'a dyn Fn() -> io::Result<Command>,
+    /// Starts a process that does the job [`Job::Sweep`](crate::job::Job::Sweep).
+    pub start: &'a dyn Fn() -> io::Result<Worker>,
     /// Whether to stop, asked again and again.
     pub is_cancelled: &'a dyn Fn() -> bool,
     /// Receives warnings: of each call that does not return for long, and of a process that an FMU has forked.
     pub warn: &'a dyn Fn(&str),
 }
 
-impl Workers<'_> {
-    /// The number of processes.
-    pub fn count(&self) -> usize {
-        match self.count {
-            0 => thread::available_parallelism().map_or(1, Into::into),
-            count => count,
-        }
+/// The number of processes that the user asks for; 0 is one per core.
+pub fn process_count(asked: usize) -> usize {
+    match asked {
+        0 => thread::available_parallelism().map_or(1, Into::into),
+        count => count,
     }
 }
 
@@ -72,8 +64,6 @@ const FAREWELL: Duration = Duration::from_secs(2);
 /// worker must get no more tasks.
 pub(crate) struct Pool<'a, T> {
     setup: &'a Workers<'a>,
-    /// The number of workers, read once, as the system takes long to tell it.
-    count: usize,
     /// The components and their FMUs.
     names: Vec<(String, String)>,
     busy: Vec<Busy<T>>,
@@ -92,7 +82,7 @@ struct Busy<T> {
 
 impl<'a, T: Copy + Serialize> Pool<'a, T> {
     pub(crate) fn new(setup: &'a Workers<'a>, names: Vec<(String, String)>) -> Self {
-        Self { setup, count: setup.count(), names, busy: Vec::new() }
+        Self { setup, names, busy: Vec::new() }
     }
 
     /// Hands out this number of tasks; `keep` receives the outcome of each, in any order, of several tasks at once if they are
@@ -108,7 +98,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
     ) -> Result<bool> {
         // The tasks that nobody has.
         let mut rest = number;
-        let most = self.count.min(number as usize).max(self.busy.len());
+        let most = self.setup.count.min(number as usize).max(self.busy.len());
         let mut waiting: VecDeque<T> = VecDeque::new();
         let mut pause = FIRST_PERIOD;
         loop {
@@ -145,7 +135,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     continue;
                 }
                 // Less and less at the end, so that all workers end at about the same time.
-                let share = rest / (2 * self.count as u64);
+                let share = rest / (2 * self.setup.count as u64);
                 let ahead = busy.ahead.min(share.max(1) as usize);
                 if ahead < busy.ahead {
                     pause = FIRST_PERIOD;
@@ -173,11 +163,8 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
     }
 
     fn start(&mut self) -> Result<()> {
-        let (session, limits) = (self.setup.session, self.setup.limits);
-        let command = (self.setup.command)();
-        let worker = command.and_then(|mut command| Worker::start(&mut command, session, limits));
         self.busy.push(Busy {
-            worker: worker.context("cannot start a worker process")?,
+            worker: (self.setup.start)().context("cannot start a worker process")?,
             tasks: VecDeque::new(),
             ahead: 1,
             since: Instant::now(),

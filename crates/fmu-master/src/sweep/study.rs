@@ -8,13 +8,13 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use fmu_description::hash::checksum;
 
-use super::file::SweepFile;
+use super::file::{SweepFile, SweepSource};
 use super::metrics::{Criteria, Metrics};
 use super::parameters::Parameters;
 use super::row::{self, RunRow};
 use super::signals::SignalPlaces;
 use crate::table::Column;
-use crate::{Description, Literal, Overrides, Plan, RunError, StartValue, SystemOrigin, locate};
+use crate::{Description, Literal, Plan, RunError, StartValue, SystemOrigin, locate};
 
 /// A sweep that is ready to run.
 pub struct Study {
@@ -37,29 +37,29 @@ pub struct Study {
 }
 
 impl Study {
-    /// Reads a sweep file and loads the FMUs of its system. `system` replaces the system file; of the other `options`,
-    /// the folder of the FMUs, the table of inputs and the sandbox count.
+    /// Reads a sweep and loads the FMUs of its system.
     ///
     /// # Errors
     /// A file cannot be read, or its contents do not fit.
-    pub fn open(sweep: &Path, system: Option<&Path>, options: &Overrides) -> Result<Self> {
-        let (file, text) = SweepFile::read(sweep)?;
-        Self::load(sweep, &text, file, system, options).map_err(|error| locate(error, sweep, &text))
+    pub fn open(source: &SweepSource) -> Result<Self> {
+        let (file, text) = SweepFile::read(source)?;
+        Self::load(source, &text, file).map_err(|error| match &source.text {
+            None => locate(error, &source.file, &text),
+            Some(_) => error.context(source.name().display().to_string()),
+        })
     }
 
-    fn load(
-        sweep: &Path,
-        text: &str,
-        file: SweepFile,
-        system: Option<&Path>,
-        options: &Overrides,
-    ) -> Result<Self> {
-        let beside = || sweep.with_file_name("").join(&file.system);
-        let system = system.map_or_else(beside, Path::to_owned);
-        let mut description = Description::open(&system)?;
-        file.overrides(options).apply(&mut description);
+    fn load(source: &SweepSource, text: &str, file: SweepFile) -> Result<Self> {
+        let beside = || source.file.with_file_name("").join(&file.system);
+        let system = source.system.clone().unwrap_or_else(beside);
+        let mut description = match &source.system_text {
+            Some(text) => Description::parse_unsaved(text, &system).context("system")?,
+            None => Description::open(&system)?,
+        };
+        file.overrides(&source.overrides).apply(&mut description);
         let files = files(&system, &description);
-        let fingerprint = fingerprint(text, files.iter().map(|(_, file)| &**file))?;
+        let system_text = source.system_text.as_deref();
+        let fingerprint = fingerprint(text, system_text, files.iter().map(|(_, file)| &**file))?;
         let plan = Plan::new(&description)?;
         let parameters = Parameters::new(file.seed, file.draws, file.parameter)?;
         let signals = file.signals.places(&plan)?;
@@ -68,7 +68,7 @@ impl Study {
             set: set.collect::<Result<_>>()?,
             columns: row::columns(&parameters),
             criteria: file.metrics,
-            sweep: sweep.to_owned(),
+            sweep: source.name(),
             signals,
             plan,
             files,
@@ -121,9 +121,15 @@ fn files(system: &Path, description: &Description) -> Vec<(PathBuf, PathBuf)> {
 }
 
 /// A digest of everything that the rows depend on: the sweep, and the files of the system.
-fn fingerprint<'a>(sweep: &str, files: impl Iterator<Item = &'a Path>) -> Result<String> {
+fn fingerprint<'a>(
+    sweep: &str,
+    system: Option<&str>,
+    files: impl Iterator<Item = &'a Path>,
+) -> Result<String> {
     let mut content = checksum(sweep.as_bytes()).to_le_bytes().to_vec();
-    for file in files {
+    content.extend(system.iter().flat_map(|text| checksum(text.as_bytes()).to_le_bytes()));
+    // The file of the system is the first.
+    for file in files.skip(system.is_some().into()) {
         let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
         content.extend_from_slice(&checksum(&bytes).to_le_bytes());
     }

@@ -1,4 +1,4 @@
-//! The supervisor of a sweep, which hands out runs to worker processes and keeps their rows in the journal.
+//! Supervisor side of a sweep: hands out runs to worker processes and keeps their rows in the journal.
 
 use std::cell::Cell;
 use std::io::BufRead;

@@ -1,4 +1,4 @@
-//! The worker process of a sweep, which simulates runs and makes their rows.
+//! Worker side of a sweep: simulates runs and makes their rows.
 
 use anyhow::{Context, Result};
 use fmu_worker::{Record, Service};
@@ -22,11 +22,11 @@ pub(super) enum SweepTask {
 pub(super) type SweepReply = Result<Option<RunRow>, String>;
 
 impl Study {
-    /// Does the tasks of the process that has started this worker process, until an FMU must not be called again.
+    /// Does the tasks of the supervisor, until an FMU must not be called again.
     ///
     /// # Errors
     /// A task is damaged.
-    pub fn work(&self, service: &mut Service) -> Result<()> {
+    pub fn serve(&self, service: &mut Service) -> Result<()> {
         while let Some(task) = service.task()? {
             let record = service.record();
             let reply = match task {

@@ -1,10 +1,10 @@
 //! Writes rows as Parquet columns, and reads them.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Type as Kind, Value};
 use fmu_file::replace::Replacement;
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
@@ -24,27 +24,78 @@ use super::{Cell, Column, Series};
 /// Number of rows that are buffered and written column by column.
 const ROWS_PER_GROUP: usize = 1 << 16;
 
-pub(super) fn write(
-    output: &mut Replacement,
-    columns: &[Column],
-    mut rows: impl Iterator<Item = Result<Vec<Cell>>>,
-) -> Result<()> {
-    let properties = Arc::new(WriterProperties::builder().build());
-    let mut writer = SerializedFileWriter::new(output, schema(columns)?, properties)?;
-    loop {
-        let group = rows.by_ref().take(ROWS_PER_GROUP);
-        let group = group.collect::<Result<Vec<Vec<Cell>>>>()?;
-        if group.is_empty() {
-            writer.close()?;
-            return Ok(());
-        }
-        let mut to = writer.next_row_group()?;
-        for (index, column) in columns.iter().enumerate() {
-            let cells = Vec::from_iter(group.iter().map(|row| &row[index]));
-            write_column(&mut to, column, &cells)?;
-        }
-        to.close()?;
+/// Writes rows as Parquet, in order and atomically; an existing file is replaced. Nothing is written before there are
+/// many rows, or all.
+pub struct ParquetWriter {
+    file: PathBuf,
+    columns: Vec<Column>,
+    rows: Vec<Vec<Cell>>,
+    output: Option<SerializedFileWriter<Replacement>>,
+}
+
+impl ParquetWriter {
+    /// A table of these columns.
+    pub fn new(file: &Path, columns: &[Column]) -> Self {
+        let (file, columns) = (file.to_owned(), columns.to_vec());
+        Self { file, columns, rows: Vec::new(), output: None }
     }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn push(&mut self, row: Vec<Cell>) -> Result<()> {
+        self.rows.push(row);
+        if self.rows.len() == ROWS_PER_GROUP { self.write_group() } else { Ok(()) }
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn finish(&mut self) -> Result<()> {
+        self.write_group()?;
+        let output = self.output.take().context("the table is already finished")?;
+        let output = output.into_inner().with_context(|| self.cannot())?;
+        output.finish()
+    }
+
+    /// Writes the rows that were added column by column, if there are any, and begins the file.
+    fn write_group(&mut self) -> Result<()> {
+        let output = match &mut self.output {
+            Some(output) => output,
+            none => none.insert(begin(&self.file, &self.columns)?),
+        };
+        let rows = std::mem::take(&mut self.rows);
+        if !rows.is_empty() {
+            let written = write_group(output, &self.columns, &rows);
+            written.with_context(|| self.cannot())?;
+        }
+        Ok(())
+    }
+
+    fn cannot(&self) -> String {
+        format!("cannot write {}", self.file.display())
+    }
+}
+
+fn begin(file: &Path, columns: &[Column]) -> Result<SerializedFileWriter<Replacement>> {
+    let (output, properties) = (Replacement::of(file)?, WriterProperties::builder().build());
+    let writer = SerializedFileWriter::new(output, schema(columns)?, Arc::new(properties));
+    writer.with_context(|| format!("cannot write {}", file.display()))
+}
+
+fn write_group(
+    output: &mut SerializedFileWriter<Replacement>,
+    columns: &[Column],
+    rows: &[Vec<Cell>],
+) -> Result<(), ParquetError> {
+    let mut group = output.next_row_group()?;
+    for (index, column) in columns.iter().enumerate() {
+        let cells = Vec::from_iter(rows.iter().map(|row| &row[index]));
+        write_column(&mut group, column, &cells)?;
+    }
+    group.close().map(drop)
 }
 
 fn types(kind: Kind) -> (Physical, Option<LogicalType>) {
@@ -81,11 +132,11 @@ fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {
     schema.build().map(Arc::new)
 }
 
-type Group<'a, 'b> = SerializedRowGroupWriter<'a, &'b mut Replacement>;
+type Group<'a> = SerializedRowGroupWriter<'a, Replacement>;
 
 /// Writes the next column.
 fn write_column(
-    group: &mut Group<'_, '_>,
+    group: &mut Group<'_>,
     column: &Column,
     cells: &[&Cell],
 ) -> Result<(), ParquetError> {
@@ -110,7 +161,7 @@ fn write_column(
 
 /// Writes the values of a column, and of an optional column which rows have one.
 fn typed<T: DataType>(
-    group: &mut Group<'_, '_>,
+    group: &mut Group<'_>,
     column: &Column,
     cells: &[&Cell],
     value: impl Fn(&Value) -> T::T,

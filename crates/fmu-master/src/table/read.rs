@@ -5,11 +5,12 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
+use serde::{Deserialize, Serialize};
 
 use super::{Cell, Format, fields};
 
 /// A column of a table that was read.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Series {
     /// Its name, such as `component.variable`.
     pub name: String,

@@ -1,29 +1,21 @@
-"""The command line `cargo-fmu`, and how the processes are started in which FMUs run."""
+"""The command line `cargo-fmu`, which is also what worker processes start with."""
 
 import sys
 from pathlib import Path
 
 from . import _native
 
-START = "import sys; sys.path.insert(0, sys.argv.pop(1)); import _native; "
-
-
-def program(call: str, folder: Path) -> list[str]:
-    """Return a command that makes a call of the native module, and imports no package."""
-    return [sys.executable, "-I", "-S", "-c", START + call, str(folder)]
-
-
-def command(folder: Path) -> list[str]:
-    """Return the command line, by the native module in a folder."""
-    again = "sys.orig_argv[:6]"  # all words but the arguments
-    return program(f"sys.argv[0] = 'cargo-fmu'; _native.main({again}, sys.argv)", folder)
-
-
 MODULE = Path(_native.__file__)
 """The native module."""
 
-WORKER = program("_native.work()", MODULE.parent)
-"""A process that does what it is sent."""
+PROGRAM = MODULE.with_name("_program.py")
+"""The program beside it."""
+
+
+def command(folder: Path, python: str = sys.executable) -> list[str]:
+    """Return the command line, by the program and the native module in a folder."""
+    return [python, "-E", "-s", "-S", str(folder / PROGRAM.name)]
+
 
 COMMAND = command(MODULE.parent)
 """The command line."""

@@ -17,7 +17,7 @@ import dask
 from dask.distributed import Client, as_completed, get_worker
 from tqdm import tqdm
 
-from ._command import COMMAND, MODULE, command
+from ._command import COMMAND, MODULE, PROGRAM, command
 
 # The workers need not have this module.
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
@@ -26,9 +26,9 @@ LONGEST = 1000
 """Maximum number of runs in a task, which are repeated if its worker is killed."""
 
 
-def files_of(program: Path, sweep: Path, others: list[tuple[str, str]]) -> dict[str, bytes]:
+def files_of(programs: list[Path], sweep: Path, others: list[tuple[str, str]]) -> dict[str, bytes]:
     """Return what a worker needs, by the paths in its folder."""
-    files = {program.name: program, "sweep.toml": sweep}
+    files = {program.name: program for program in programs} | {"sweep.toml": sweep}
     for place, file in others:
         if ".." in Path(place).parts:
             raise OSError(f"{file} is outside of the folder of the system, expected it inside")
@@ -93,13 +93,13 @@ def distribute(
     says where errors go, as for Popen.
     """
     collect = COMMAND if program is None else [str(program)]
-    local = [f"./{program.name}"] if program else ["", *command(Path("."))[1:]]
+    local = [f"./{program.name}"] if program else command(Path(), "")
     local += ["sweep", "sweep.toml", "--fmus=.", "--threads=1"]
     collect = [*collect, "sweep", *arguments, "--collect"]
     with Popen(collect, stdin=PIPE, stdout=PIPE, stderr=errors) as collector:
         if outline := collector.stdout.readline():
             plan, missing = json.loads(outline)
-            sent = program or MODULE
+            sent = [program] if program else [MODULE, PROGRAM]
             files = files_of(sent, Path(arguments[0]), plan["files"])
             local += [f"--{key}={plan[key]}" for key in ("system", "input") if plan[key]]
             with (

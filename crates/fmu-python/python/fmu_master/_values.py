@@ -1,4 +1,4 @@
-"""Values as texts, as a system file has them."""
+"""Values of Python as the native module takes them, and as texts of a system file."""
 
 from __future__ import annotations
 
@@ -100,6 +100,6 @@ def named(values: Mapping[str, Any] | None) -> dict[str, Any]:
     return dict(values)
 
 
-def texts(values: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """Return start values as texts."""
-    return [(n, v if isinstance(v, str) else toml(v)) for n, v in named(values).items()]
+def plain_starts(values: Mapping[str, Any] | None) -> list[tuple[str, Any]]:
+    """Return start values as pairs, with arrays as lists."""
+    return [(n, v if isinstance(v, float) else plain(v)) for n, v in named(values).items()]

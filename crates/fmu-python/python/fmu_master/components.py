@@ -42,9 +42,8 @@ class PythonComponent:
     def signature(self) -> dict[str, Any]:
         """Return what the native module needs of it."""
 
-        def argument(name: str) -> dict[str, str]:
-            kind, unit = self.types.get(name, "Float64"), self.units.get(name, "")
-            return {"name": name, "of_type": kind, "unit": unit}
+        def argument(name: str) -> tuple[str, str, str]:
+            return name, self.types.get(name, "Float64"), self.units.get(name, "")
 
         variables = {"inputs": self.inputs, "outputs": self.outputs}
         arguments = {key: [argument(name) for name in names] for key, names in variables.items()}

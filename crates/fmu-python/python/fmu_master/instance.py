@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from . import _native
-from ._command import WORKER
-from ._values import array, document, plain, texts
+from ._command import COMMAND
+from ._values import array, plain_starts
 from .result import FmuError
 
 
@@ -103,8 +103,8 @@ class Instance:
             "start": start_time,
             "tolerance": tolerance,
         }
-        setup |= {"file": Path(filename).absolute(), "sizes": texts(start_values)}
-        self._native = _native.Instance(document(setup), [] if in_process else WORKER)
+        setup |= {"file": Path(filename).absolute(), "sizes": plain_starts(start_values)}
+        self._native = _native.Instance(setup, [] if in_process else COMMAND)
         self._time: float = start_time
         self._starts: dict[str, Any] = {} if start_values is None else dict(start_values)
         self._is_initialized = False
@@ -138,7 +138,7 @@ class Instance:
     def initialize(self) -> None:
         """Initialize the FMU with the start values, unless it is initialized."""
         if not self._is_initialized:
-            self._time = self._native.initialize(_plain(self._starts))
+            self._time = self._native.initialize(plain_starts(self._starts))
             self._is_initialized = True
 
     def step(self, step_size: float) -> None:
@@ -163,9 +163,9 @@ class Instance:
         """Set a variable, or all variables of a mapping; before initialization, start values."""
         values = {name: value} if isinstance(name, str) else name
         if self._is_initialized:
-            self._native.set(_plain(values))
+            self._native.set(plain_starts(values))
         else:
-            self._native.check(_plain(values))
+            self._native.check(plain_starts(values))
             for part in self.variables.keys() & values.keys():
                 if self.variables[part].causality == "structuralParameter":
                     raise FmuError(f"{part} is a structural parameter, expected in `start_values`")
@@ -210,7 +210,3 @@ class Instance:
         if name not in self._scalars:
             self._scalars[name] = list(range(*self._native.find(name)))
         return self._scalars[name]
-
-
-def _plain(values: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    return [(n, v if isinstance(v, float) else plain(v)) for n, v in values.items()]

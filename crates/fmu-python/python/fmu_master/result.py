@@ -20,23 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_WORDS = {
-    r"expected `cargo fmu (simulate|sweep)`": r"expected `\1`",
-    "another --out": "another `out`",
-    "expected f64": "expected a number",
-    r"(fmu-master-\S+: )TOML parse error .*\n.*\n\d+ \| (.*)\n.*\n": r"\1\2: ",
-    r"\S*[/\\]fmu-master-\w+[/\\](\w+)\.\w+(:\d+)?": r"\1",
-}
-"""What the command line advises, or files that nobody wrote, and what Python says instead."""
-
-
-def in_python(text: str) -> str:
-    """Return a message with the words of Python for what the command line calls options."""
-    for pattern, words in _WORDS.items():
-        text = re.sub(pattern, words, text)
-    return text
-
-
 class FmuError(RuntimeError):
     """An FMU cannot be used, fails or ends its process, or a system is invalid.
 
@@ -60,7 +43,7 @@ class FmuError(RuntimeError):
         time: float | None = None,
         result: Result | None = None,
     ):
-        super().__init__(in_python(text))
+        super().__init__(text)
         self.component, self.function, self.time = component, function or None, time
         self.result = result
 

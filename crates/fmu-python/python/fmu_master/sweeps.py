@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 import tempfile
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from . import _native
 from ._command import COMMAND
 from ._values import columns, document, plain
 from .result import FmuError, Result, read
@@ -79,9 +80,7 @@ class Sweep:
                 system = ["--system", str(path)]
             if file is None:
                 file = Path(folder, "sweep.toml")
-                # The program reads the key, but uses the option.
-                keys = {"system": "system.toml"} | self.plan
-                file.write_text(document(keys, "parameter"), encoding="utf-8")
+                file.write_text(self._text(), encoding="utf-8")
             yield [str(file), *system]
 
     @contextlib.contextmanager
@@ -93,22 +92,31 @@ class Sweep:
         with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
             yield Path(folder, "out.csv")
 
-    def _result(self, code: int, errors: str, out: Path) -> Result:
-        """Return the table; if all runs failed, an exception has one that is kept nowhere else."""
-        if code:
-            table = read(out) if self.out is None and out.exists() else None
-            text = errors.strip().removeprefix("error: ")
-            raise FmuError(text, result=table)
-        return read(out)
+    def _error(self, text: str, out: Path) -> FmuError:
+        """Return an error, with the table if all runs failed and it is kept nowhere else."""
+        return FmuError(text, result=read(out) if self.out is None and out.exists() else None)
 
     def run(self, processes: int = 0) -> Result:
         """Run the sweep in worker processes, by default one for each core; return the table."""
         if processes < 0:
             raise ValueError(f"processes = {processes}, expected at least 0")
-        with self.files() as arguments, self.table() as out:
-            command = [*COMMAND, "sweep", *arguments, f"--out={out}", f"--threads={processes}"]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            return self._result(done.returncode, done.stderr, out)
+        system = None
+        if self.system is not None:
+            is_file = self.system.description is None
+            system = (self.system.file, None if is_file else self.system.toml)
+        source = (Path("sweep.toml"), self._text()) if self.file is None else (self.file, None)
+        with self.table() as out:
+            texts, failure = _native.sweep(source, system, out, processes, COMMAND)
+            for text in texts:
+                warnings.warn(text, stacklevel=2)
+            if failure is not None:
+                raise self._error(failure, out)
+            return read(out)
+
+    def _text(self) -> str:
+        """Return the text of a sweep file."""
+        # The program reads the key, but uses the system that it is given.
+        return document({"system": "system.toml"} | self.plan, "parameter")
 
     def dask(self, client: Client) -> Result:
         """Run the sweep on the workers of a Dask cluster, which do not need this package.
@@ -120,7 +128,9 @@ class Sweep:
         with self.files() as arguments, self.table() as out:
             arguments = [*arguments, "--out", str(out)]
             code, _, errors = distribute(arguments, lambda: contextlib.nullcontext(client))
-            return self._result(code, errors, out)
+            if code:
+                raise self._error(errors.strip().removeprefix("error: "), out)
+            return read(out)
 
 
 def sweep(

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import csv
 import os
-import tempfile
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from . import _native
-from ._command import WORKER
-from ._values import column, columns, document, named, one_or_more, texts, toml
+from ._command import COMMAND
+from ._values import column, columns, document, named, one_or_more, plain_starts
 from .components import PythonComponent
 from .result import FmuError, Result
 
@@ -111,22 +109,26 @@ class System:
     def _check(self, start_values: Mapping[str, Any], **changes: Any) -> tuple[float, float, float]:
         """Raise what a run would before its first step; return the times."""
         changes["outputs"] = one_or_more(changes.get("outputs") or ())
-        return _native.times(self._given(changes, texts(start_values)))
+        return _native.times(self._source(changes, start_values))
 
     def _points(self) -> np.ndarray:
         """Return the communication points [s], and the one after the stop time."""
-        return np.frombuffer(_native.points(self._given({})))
+        return np.frombuffer(_native.points(self._source()))
 
     def _bounds(self, names: Sequence[str]) -> list[tuple[float | None, float | None]]:
         """Return the smallest and the largest value of variables, or None where there is none."""
-        return _native.bounds(self._given({"outputs": names}))
+        return _native.bounds(self._source({"outputs": names}))
 
-    def _given(self, changes: Mapping[str, Any], sets: Sequence[tuple[str, str]] = ()) -> str:
+    def _source(
+        self,
+        changes: Mapping[str, Any] | None = None,
+        start_values: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
         """Return what the native module needs of the system."""
         text = None if self.description is None else self._text()
         functions = [(name, function.signature()) for name, function in self._functions()]
-        given = {"file": self.file, "text": text, "functions": functions}
-        return document(given | {"changes": changes, "sets": sets})
+        source = {"file": self.file, "text": text, "functions": functions}
+        return {**source, **(changes or {}), "starts": plain_starts(start_values)}
 
     @contextlib.contextmanager
     def loaded(self) -> Iterator[System]:
@@ -193,14 +195,13 @@ class System:
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
         with contextlib.ExitStack() as stack:
             if input is not None:
-                system = self._given(changes)
-                changes["input"] = stack.enter_context(_input_file(input, system))
+                changes["input"] = self._input(input, changes)
             shown = stack.enter_context(_progress()) if progress else None
             functions = [function for _, function in self._functions()]
             for function in functions:
                 function.begin()
-            given = self._given(changes, texts(start_values))
-            done = runner.run(given, [function.step for function in functions], shown)
+            source = self._source(changes, start_values)
+            done = runner.run(source, [function.step for function in functions], shown)
         for text in done["warnings"]:
             warnings.warn(text, stacklevel=2)
         error, raised = done.pop("error", None), done.pop("raised")
@@ -208,6 +209,26 @@ class System:
         if error is not None:
             raise FmuError(*error, result) from raised
         return result
+
+    def _input(self, given: Input, changes: Mapping[str, Any]) -> str | list[tuple[str, str, Any]]:
+        """Return the file of inputs, or columns of name, unit and values."""
+        if isinstance(given, str | os.PathLike):
+            return str(Path(given).absolute())
+        table = columns(given)
+        if "time" in table:
+            time = column(table["time"])
+        elif all(map(callable, table.values())):
+            time = np.frombuffer(_native.points(self._source(changes))).tolist()
+        else:
+            raise FmuError(f"input = {', '.join(table)}, expected also a column time [s]")
+        units = given.units if isinstance(given, Result) else {}
+        found = []
+        for name, values in ({"time": time} | table).items():
+            cells = [values(t) for t in time] if callable(values) else column(values)
+            if len(cells) != len(time):
+                raise FmuError(f"input {name}: {len(cells)} values, expected {len(time)}")
+            found.append((name, units.get(name, ""), cells))
+        return found
 
 
 def simulate(
@@ -273,7 +294,7 @@ def simulate(
 
 
 def _runner(in_process: bool, keeps: bool) -> _native.Runner:
-    return _native.Runner([] if in_process else WORKER, keeps)
+    return _native.Runner([] if in_process else COMMAND, keeps)
 
 
 def is_fmu(file: str | os.PathLike[str]) -> bool:
@@ -304,37 +325,6 @@ def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         if "start" in table:
             table["start"] = named(table["start"])
     return normal
-
-
-@contextlib.contextmanager
-def _input_file(given: Input, system: str) -> Iterator[Path]:
-    """Write inputs to a temporary CSV file, unless they are one."""
-    if isinstance(given, str | os.PathLike):
-        yield Path(given).absolute()
-        return
-    table = columns(given)
-    if "time" in table:
-        time = column(table["time"])
-    elif all(map(callable, table.values())):
-        time = np.frombuffer(_native.points(system)).tolist()
-    else:
-        raise FmuError(f"input = {', '.join(table)}, expected also a column time [s]")
-    units = given.units if isinstance(given, Result) else {}
-    lists = {}
-    for name, values in ({"time": time} | table).items():
-        cells = [values(t) for t in time] if callable(values) else column(values)
-        if len(cells) != len(time):
-            raise FmuError(f"input {name}: {len(cells)} values, expected {len(time)}")
-        lists[f"{name} [{units[name]}]" if units.get(name) else name] = cells
-    with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
-        file = Path(folder, "input.csv")
-        with file.open("w", encoding="utf-8", newline="") as text:
-            # In quotes, an empty text is not a missing value.
-            writer = csv.writer(text, quoting=csv.QUOTE_ALL)
-            writer.writerow(lists)
-            for row in zip(*lists.values(), strict=True):
-                writer.writerow([part if isinstance(part, str) else toml(part) for part in row])
-        yield file
 
 
 @contextlib.contextmanager

@@ -7,19 +7,19 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use cargo_fmu::session::Session;
 use fmu_description::{Value, Variable};
-use fmu_master::stepped_fmu::{Names, Request, Response, Setup, SteppedFmu};
-use fmu_master::{Literal, RunError};
+use fmu_master::RunError;
+use fmu_master::job::Job;
+use fmu_master::stepped_fmu::{Names, Request, Response, SteppedFmu};
 use fmu_worker::{Event, ProcessOwned, Record, Worker};
 use pyo3::IntoPyObjectExt;
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedStr;
 use pyo3::sync::MutexExt;
-use pyo3::types::PyList;
+use pyo3::types::PyDict;
 
-use crate::columns::{from_python, to_python};
-use crate::job::{Job, given};
+use crate::arguments;
 use crate::run::{FmuError, PERIOD, error, start, to_exception};
+use crate::values::{literal, to_python};
 
 /// Where the FMU is.
 enum Place {
@@ -82,7 +82,7 @@ impl Instance {
     fn typed(&self, values: Values<'_>) -> PyResult<Vec<(usize, Value)>> {
         let mut typed = Vec::with_capacity(values.len());
         for (name, value) in values {
-            typed.extend(self.names.typed(&name, written(&value)?).map_err(error)?);
+            typed.extend(self.names.typed(&name, literal(&value)?).map_err(error)?);
         }
         Ok(typed)
     }
@@ -129,26 +129,6 @@ fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Respo
     })
 }
 
-/// A value, or an array as a list.
-fn written(value: &Bound<'_, PyAny>) -> PyResult<Literal> {
-    if let Ok(list) = value.cast::<PyList>() {
-        let values = list.iter().map(|value| written(&value));
-        return Ok(Literal::Array(values.collect::<PyResult<_>>()?));
-    }
-    Ok(match from_python(value)? {
-        Value::Boolean(value) => Literal::Boolean(value),
-        Value::String(text) => Literal::Text(text),
-        number => match (number.as_whole(), number.as_real()) {
-            (Some(whole), _) => Literal::Integer(whole),
-            (_, Some(real)) => Literal::Real(real),
-            _ => {
-                let text = format!("{value} is not a number, Boolean or string");
-                return Err(PyTypeError::new_err(text));
-            }
-        },
-    })
-}
-
 /// Values of variables, by their names.
 type Values<'py> = Vec<(PyBackedStr, Bound<'py, PyAny>)>;
 
@@ -171,8 +151,8 @@ type Described<'py> = (
 impl Instance {
     /// Instantiates an FMU, in this process unless `program` starts a worker process.
     #[new]
-    fn new(py: Python<'_>, setup: &str, program: Vec<OsString>) -> PyResult<Self> {
-        let setup: Setup = given(setup).map_err(error)?;
+    fn new(py: Python<'_>, setup: &Bound<'_, PyDict>, program: Vec<OsString>) -> PyResult<Self> {
+        let setup = arguments::setup(setup)?;
         let (names, place) = py
             .detach(|| {
                 let names = Names::open(&setup)?;

@@ -1,7 +1,8 @@
-//! Results as columns of bytes, which NumPy reads as they are.
+//! Values between Python and Rust: results as columns of bytes, which NumPy reads as they are, single values, and
+//! literals.
 
 use fmu_description::{Type, Value};
-use fmu_master::{Column, Row};
+use fmu_master::{Column, Literal, Row};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyBytes, PyFloat, PyList, PyString};
@@ -117,6 +118,29 @@ pub fn to_python(py: Python<'_>, value: Value) -> PyResult<Bound<'_, PyAny>> {
         value => match value.as_whole() {
             Some(whole) => whole.into_pyobject(py)?.into_any(),
             None => value.as_real().into_pyobject(py)?.into_any(),
+        },
+    })
+}
+
+/// The values of a column, None where one is missing.
+pub type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
+
+/// A literal: a value, or an array as a list.
+pub fn literal(value: &Bound<'_, PyAny>) -> PyResult<Literal> {
+    if let Ok(list) = value.cast::<PyList>() {
+        let values = list.iter().map(|value| literal(&value));
+        return Ok(Literal::Array(values.collect::<PyResult<_>>()?));
+    }
+    Ok(match from_python(value)? {
+        Value::Boolean(value) => Literal::Boolean(value),
+        Value::String(text) => Literal::Text(text),
+        number => match (number.as_whole(), number.as_real()) {
+            (Some(whole), _) => Literal::Integer(whole),
+            (_, Some(real)) => Literal::Real(real),
+            _ => {
+                let text = format!("{value} is not a number, Boolean or string");
+                return Err(PyTypeError::new_err(text));
+            }
         },
     })
 }

@@ -1,0 +1,157 @@
+//! Jobs: typed data that the supervisor side makes and sends to a worker process, and the function of the worker side that
+//! does them.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use fmu_description::Value;
+use fmu_worker::{Limits, Service, Worker};
+use serde::{Deserialize, Serialize};
+
+use crate::run::{self, Computed};
+use crate::stepped_fmu::{self, Setup};
+use crate::sweep::{Study, SweepSource};
+use crate::{Description, Function, Overrides, Plan, Signature, StartValue, is_fmu, locate};
+
+/// The job of a worker process.
+#[derive(Debug, Serialize, Deserialize)]
+pub enum Job {
+    /// One run of a system.
+    Run {
+        /// The system.
+        system: SystemSource,
+        /// Whether the supervisor needs the rows.
+        records: bool,
+    },
+    /// Runs of a sweep, whose numbers follow.
+    Sweep(SweepSource),
+    /// An FMU that is stepped by hand: its requests follow.
+    Step(Setup),
+}
+
+/// Supervisor side: starts a worker process by a command that calls [`serve`], and sends it a job. `session` is a
+/// temporary folder.
+///
+/// # Errors
+/// The process cannot be started.
+pub fn start(
+    command: &mut Command,
+    session: &Path,
+    limits: Limits,
+    job: &Job,
+) -> io::Result<Worker> {
+    let mut worker = Worker::start(command, session, limits)?;
+    worker.send(job);
+    Ok(worker)
+}
+
+/// Worker side: does the jobs of the supervisor, until there are no more.
+///
+/// # Errors
+/// A job is damaged, or the files of a sweep have changed.
+pub fn serve(service: &mut Service) -> Result<()> {
+    let compute = run::compute_in_supervisor(service)?;
+    let mut loaded = LoadedSystem::default();
+    while let Some(job) = service.task()? {
+        match job {
+            Job::Run { system, records } => {
+                run::serve(service, records, |warn| loaded.plan(system, &compute, warn))?;
+            }
+            Job::Sweep(source) => return Study::open(&source)?.serve(service),
+            Job::Step(setup) => return stepped_fmu::serve(service, &setup),
+        }
+    }
+    Ok(())
+}
+
+/// The system of a run: a file, or the text of a system file, and what replaces its parts.
+#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SystemSource {
+    /// An FMU, a system file or an SSP package. Paths in a text are relative to the folder of this file.
+    pub file: PathBuf,
+    /// The text of a system file that is not on the disk.
+    pub text: Option<String>,
+    /// The components that are functions.
+    pub functions: Vec<(String, Signature)>,
+    /// The changes.
+    pub overrides: Overrides,
+}
+
+impl SystemSource {
+    /// Loads the FMUs, and resolves the start values of the run. `compute` computes the outputs of a function, by its
+    /// number, at a time (s); `warn` receives warnings about an SSP package.
+    ///
+    /// # Errors
+    /// The system is invalid, or an FMU.
+    pub fn plan(
+        &self,
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<(Plan, Vec<StartValue>)> {
+        let mut description = match &self.text {
+            Some(text) => Description::parse_unsaved(text, &self.file)?,
+            None => Description::open(&self.file)?,
+        };
+        self.overrides.apply(&mut description);
+        let packages = description.package.iter();
+        packages.flat_map(|package| &package.warnings).for_each(|text| warn(text));
+        for (number, (name, signature)) in self.functions.iter().enumerate() {
+            let compute = compute.clone();
+            let compute = move |time, inputs: &[Value]| compute(number, time, inputs);
+            let function = Function { signature: signature.clone(), compute: Arc::new(compute) };
+            let mut components = description.components.iter_mut();
+            let component = components.find(|component| component.name == *name);
+            component.with_context(|| format!("there is no component {name}"))?.function =
+                Some(function);
+        }
+        let plan = Plan::new(&description).map_err(|error| self.locate(error))?;
+        plan.set(description, &self.overrides.sets)
+    }
+
+    /// Adds the system file to an error, and the line unless the value may come from an override.
+    fn locate(&self, error: anyhow::Error) -> anyhow::Error {
+        if self.text.is_some() || is_fmu(&self.file) {
+            return error;
+        }
+        let Overrides { start, stop, step, .. } = self.overrides;
+        let text = match start.or(stop).or(step) {
+            None => std::fs::read_to_string(&self.file).unwrap_or_default(),
+            Some(_) => String::new(),
+        };
+        locate(error, &self.file, &text)
+    }
+}
+
+/// The system that was run last, with its FMUs.
+#[derive(Default)]
+pub struct LoadedSystem(Option<(SystemSource, Plan)>);
+
+impl LoadedSystem {
+    /// The plan of a system and its start values. The FMUs stay loaded while only the start values change.
+    ///
+    /// # Errors
+    /// As [`SystemSource::plan`].
+    pub fn plan(
+        &mut self,
+        mut system: SystemSource,
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<(&Plan, Vec<StartValue>)> {
+        let starts = std::mem::take(&mut system.overrides.sets);
+        let last = self.0.take().and_then(|(mut last, plan)| {
+            let last_starts = std::mem::take(&mut last.overrides.sets);
+            let is_same = last == system && plan.sizes(&last_starts) == plan.sizes(&starts);
+            is_same.then_some(plan)
+        });
+        system.overrides.sets = starts;
+        let plan = match last {
+            Some(plan) => plan,
+            None => system.plan(compute, warn)?.0,
+        };
+        let (system, plan) = self.0.insert((system, plan));
+        Ok((plan, plan.start_values(&system.overrides.sets)?))
+    }
+}

@@ -1,0 +1,54 @@
+//! A run of a plan in this process, which is a worker or, for Python, the process of the user.
+
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+
+use crate::simulation::Finished;
+use crate::summary::{Summarizer, Summary};
+use crate::{Message, Messages, Plan, Row, RunError, StartValue};
+
+/// A run that has reached its end, or that an FMU has ended.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Completed {
+    /// The messages of the FMUs.
+    pub messages: Vec<Message>,
+    /// The last row.
+    pub last: Row,
+    /// The summary of all rows.
+    pub summary: Summary,
+    /// The time that the simulation took, without loading and initializing the FMUs.
+    pub duration: Duration,
+    /// Which FMU has ended the simulation before the stop time, when and why.
+    pub ended: Option<String>,
+}
+
+/// Runs a plan in this process. `observe` receives each row, and returns false to end the run.
+///
+/// # Errors
+/// A call of an FMU has failed, or the run cannot begin.
+pub fn simulate(
+    plan: &Plan,
+    starts: &[StartValue],
+    messages: &Messages,
+    mut observe: impl FnMut(&Row) -> bool,
+) -> Result<Completed, Box<RunError>> {
+    // Loading the binaries and initializing the FMUs do not count as simulating.
+    let mut begin = Instant::now();
+    let mut summarizer = Summarizer::new(plan);
+    let finished = plan.simulate(starts, messages).and_then(|simulation| {
+        begin = Instant::now();
+        simulation.run(|row| {
+            summarizer.add(row);
+            observe(row)
+        })
+    });
+    let duration = begin.elapsed();
+    match finished {
+        Ok(Finished { messages, last, ended }) => {
+            let ended = ended.and_then(|ended| ended.early_end());
+            Ok(Completed { messages, last, summary: summarizer.summarize(), duration, ended })
+        }
+        Err(error) => Err(RunError::new(error, messages.take())),
+    }
+}

@@ -1,0 +1,44 @@
+//! The messages about a run from the worker side to the supervisor side.
+
+use std::borrow::Cow;
+
+use fmu_description::Value;
+use serde::{Deserialize, Serialize};
+
+use super::completed::Completed;
+use crate::{Column, Experiment, Note, Row, RunError};
+
+/// A message of a worker about its run.
+#[derive(Serialize, Deserialize)]
+pub(crate) enum Report<'a> {
+    /// A warning about the system.
+    Warning(Cow<'a, str>),
+    /// The run is about to begin.
+    Ready(Ready),
+    /// A row.
+    Row(Cow<'a, Row>),
+    /// The run needs the outputs of a function: its number, the time (s), and the inputs.
+    Call(usize, f64, Cow<'a, [Value]>),
+    /// The run has reached its end.
+    Completed(Completed),
+    /// The run has failed, or cannot begin.
+    Failed(Box<RunError>),
+}
+
+/// A run that is about to begin.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Ready {
+    /// The names of the components and of their files.
+    pub components: Vec<(String, String)>,
+    /// The times of the run.
+    pub experiment: Experiment,
+    /// The end of the last step (s).
+    pub end: f64,
+    /// The recorded variables.
+    pub columns: Vec<Column>,
+    /// Choices of the master that the user may want to override.
+    pub notes: Vec<Note>,
+}
+
+/// The outputs of a function, or what went wrong.
+pub type Computed = Result<Vec<Value>, String>;

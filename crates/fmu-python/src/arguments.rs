@@ -1,0 +1,147 @@
+//! Arguments of Python as typed jobs and tables.
+
+use std::path::PathBuf;
+
+use fmu_master::job::SystemSource;
+use fmu_master::stepped_fmu::Setup;
+use fmu_master::table::Series;
+use fmu_master::{Argument, Literal, Overrides, Signature};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyString};
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error as ValueError;
+
+use crate::run::FmuError;
+use crate::values::{Cells, from_python, literal};
+
+/// Start values by name.
+pub type Starts<'py> = Vec<(String, Bound<'py, PyAny>)>;
+/// Columns of a table: name, unit and values.
+pub type Table<'py> = Vec<(String, String, Cells<'py>)>;
+
+/// A dict of arguments, of which some may be missing or None.
+struct Arguments<'a, 'py>(&'a Bound<'py, PyDict>);
+
+impl<'py> Arguments<'_, 'py> {
+    fn given(&self, key: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+        Ok(self.0.get_item(key)?.filter(|value| !value.is_none()))
+    }
+
+    fn get<T>(&self, key: &str) -> PyResult<Option<T>>
+    where
+        T: for<'a> FromPyObject<'a, 'py, Error: Into<PyErr>>,
+    {
+        let given = self.given(key)?;
+        given.map(|value| value.extract().map_err(Into::into)).transpose()
+    }
+
+    fn number(&self, key: &str) -> PyResult<Option<f64>> {
+        let Some(value) = self.given(key)? else { return Ok(None) };
+        match value.extract::<f64>() {
+            Ok(number) if !value.is_instance_of::<PyBool>() => Ok(Some(number)),
+            _ => Err(refused(key, &value, "expected a number")),
+        }
+    }
+
+    /// An item of an enumeration by its name.
+    fn item<T: for<'de> Deserialize<'de>>(&self, key: &str) -> PyResult<Option<T>> {
+        let Some(value) = self.given(key)? else { return Ok(None) };
+        let Ok(name) = value.extract::<String>() else {
+            return Err(refused(key, &value, "expected a string"));
+        };
+        match T::deserialize(name.as_str().into_deserializer()) {
+            Ok(item) => Ok(Some(item)),
+            Err(error) => {
+                let error: ValueError = error;
+                Err(FmuError::new_err(format!("{key} = {name:?}: {error}")))
+            }
+        }
+    }
+}
+
+/// The error of an argument of a wrong type.
+fn refused(key: &str, value: &Bound<'_, PyAny>, expected: &str) -> PyErr {
+    let (kind, shown) = match value.extract::<String>() {
+        Ok(text) => ("string".to_owned(), format!("{text:?}")),
+        Err(_) => (value.get_type().to_string(), value.to_string()),
+    };
+    FmuError::new_err(format!("{key} = {shown}: invalid type: {kind} {shown}, {expected}"))
+}
+
+/// The source of a system, from a dict with the keys `file`, `text`, `functions`, `starts`, `input`, and those of
+/// [`Overrides`].
+pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
+    let arguments = Arguments(system);
+    let functions: Option<Vec<(String, Bound<'_, PyDict>)>> = arguments.get("functions")?;
+    let functions = functions.into_iter().flatten();
+    let functions = functions.map(|(name, function)| Ok((name, signature(&function)?)));
+    let starts: Option<Starts<'_>> = arguments.get("starts")?;
+    let input = arguments.given("input")?;
+    let is_file = input.as_ref().is_some_and(|input| input.is_instance_of::<PyString>());
+    let (input, input_table) = match input {
+        None => (None, None),
+        Some(file) if is_file => (Some(file.extract::<PathBuf>()?), None),
+        Some(table) => (None, Some(series(&table.extract()?)?)),
+    };
+    let overrides = Overrides {
+        sets: literals(starts.unwrap_or_default())?,
+        start: arguments.number("start")?,
+        stop: arguments.number("stop")?,
+        step: arguments.number("step")?,
+        tolerance: arguments.number("tolerance")?,
+        interface: arguments.item("interface")?,
+        order: arguments.item("order")?,
+        outputs: arguments.get("outputs")?.unwrap_or_default(),
+        input,
+        input_table,
+        ..Overrides::default()
+    };
+    let (file, text) = (arguments.get("file")?.unwrap_or_default(), arguments.get("text")?);
+    Ok(SystemSource { file, text, functions: functions.collect::<PyResult<_>>()?, overrides })
+}
+
+/// The setup of an FMU that is stepped by hand, from a dict with the keys of [`Setup`].
+pub fn setup(setup: &Bound<'_, PyDict>) -> PyResult<Setup> {
+    let arguments = Arguments(setup);
+    let sizes: Option<Starts<'_>> = arguments.get("sizes")?;
+    Ok(Setup {
+        file: arguments.get("file")?.unwrap_or_default(),
+        name: arguments.get("name")?,
+        interface: arguments.item("interface")?,
+        start: arguments.number("start")?.unwrap_or_default(),
+        tolerance: arguments.number("tolerance")?,
+        sizes: literals(sizes.unwrap_or_default())?,
+    })
+}
+
+fn signature(function: &Bound<'_, PyDict>) -> PyResult<Signature> {
+    let arguments = Arguments(function);
+    let all = |key: &str| {
+        let all: Vec<(String, String, String)> = arguments.get(key)?.unwrap_or_default();
+        let all = all.into_iter().map(|(name, of_type, unit)| Argument { name, of_type, unit });
+        PyResult::Ok(all.collect())
+    };
+    let sample_time = arguments.number("sample_time")?;
+    Ok(Signature { inputs: all("inputs")?, outputs: all("outputs")?, sample_time })
+}
+
+fn literals(starts: Starts<'_>) -> PyResult<Vec<(String, Literal)>> {
+    starts.into_iter().map(|(name, value)| Ok((name, literal(&value)?))).collect()
+}
+
+/// A table.
+///
+/// # Errors
+/// A value is of a type that no variable has.
+pub fn series(table: &Table<'_>) -> PyResult<Vec<Series>> {
+    let series = table.iter().map(|(name, unit, cells)| {
+        let cells = cells.iter().map(|cell| cell.as_ref().map(from_python).transpose());
+        let (name, unit) = (name.clone(), unit.clone());
+        let cells: PyResult<_> = cells.collect();
+        let cells = cells.map_err(|error| PyTypeError::new_err(format!("{name}: {error}")))?;
+        Ok(Series { name, unit, cells })
+    });
+    series.collect()
+}
