@@ -165,11 +165,12 @@ def set_point(signal: str, k: int) -> float:
     return 1.0 if round(2 * FREQUENCY[signal] * TS * (k - 0.5) - 0.5) % 2 == 0 else -1.0
 
 
-def nodes(inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the outputs (12) of the nodes for the components of an input."""
+def nodes(inputs: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the outputs (12) of the nodes for the components of an input, in the first axis."""
+    centres = CENTRES.reshape(-1, *(1 for _ in inputs[0].shape))
+    squares = sum((value - centres) ** 2 for value in inputs)
     exp = np.vectorize(math.exp)  # whose last bits do not depend on the processor
-    squares = [sum((value - centre) ** 2 for value in inputs) for centre in CENTRES.tolist()]
-    return [exp(-square / (2 * WIDTH**2)) for square in squares]
+    return exp(-squares / (2 * WIDTH**2))
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -202,13 +203,12 @@ def read_literally(reading: str) -> Errors:
         # IPID-RBF, whose sum leaks (25), has the terms of this sample
         x1_, x2_, x3_ = (np.where(leaks, *pair) for pair in zip((e, x2, x3), terms, strict=True))
         u_p = GAINS["kp"] * x1_ + GAINS["kd"] * x2_ + GAINS["ki"] * x3_
-        now = nodes((e, total, e - previous)) if reading == "vector" else [one[k] for one in h]
+        now = nodes((e, total, e - previous)) if reading == "vector" else h[:, k]
         u_n = sum(weight * node for weight, node in zip(w, now, strict=True))
         u = np.clip(u_p + u_n, -LIMIT, LIMIT)
         # Both networks learn the force of PID-RBF
         step, power = -ETA * (u_n - u[:, [1]]) * learns, 2 if reading == "squared" else 1
-        moved = np.array([one + step * node**power for one, node in zip(w, now, strict=True)])
-        before, w = w, moved + ALPHA * (w - before)
+        before, w = w, w + step * now**power + ALPHA * (w - before)
         x, y, z = (row[0] * x + row[1] * y + row[2] * z + row[3] * u for row in plant)
     found = dict(zip(cases, np.where(np.isfinite(e), e, np.nan).tolist(), strict=True))
     return {
