@@ -2,6 +2,7 @@
 
 pub use crate::Interface;
 pub use crate::checks::{check_bounds, check_start, exists, number, positive, unique};
+use crate::hash::Hash;
 use crate::scalar::scalar_count;
 use crate::table::AnyChoice;
 pub use crate::table::{Bounds, Declaration, Dynamics, Enumeration, Item, StartValues, TableRow};
@@ -28,6 +29,18 @@ pub fn are_finite<T: Copy + Into<f64>>(numbers: &[T]) -> bool {
         Ok(few) => few.iter().all(is_finite),
         Err(_) => numbers.iter().all(is_finite),
     }
+}
+
+/// The layout of a saved struct: a hash of the name and the type of each field, and of the layout of the type, if that
+/// is known, else 0.
+pub const fn state_layout(fields: &[(&str, &str, u128)]) -> u128 {
+    let (mut hash, mut i) = (Hash::new(), 0);
+    while i < fields.len() {
+        let (name, type_name, layout) = fields[i];
+        hash = hash.text(name).text(type_name).bytes(&layout.to_le_bytes());
+        i += 1;
+    }
+    hash.0
 }
 
 /// The number of the first scalar of a row.

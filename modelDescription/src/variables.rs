@@ -27,6 +27,8 @@ pub unsafe trait Variables: Sized {
     const COUNT: usize = scalar_count(Self::ROWS);
     /// Whether a field has the attribute `unsaved`.
     const IS_UNSAVED: bool = false;
+    /// The layout of a saved state: a hash of the names and types of all fields.
+    const STATE_LAYOUT: u128;
 
     /// The struct with default values in all fields; start values are not set.
     fn unset() -> Self;

@@ -253,6 +253,14 @@ impl Field {
         quote!({ let item = &mut self.#ident; #items })
     }
 
+    /// The name and the type of the field in a saved state, and the layout of a nested struct.
+    pub fn state_layout(&self) -> TokenStream {
+        let (name, mut type_name) = (self.ident.to_string(), self.ty.to_token_stream().to_string());
+        type_name.retain(|c| !c.is_whitespace()); // the spaces depend on the compiler
+        let layout = self.nested_item(&quote!(STATE_LAYOUT)).unwrap_or(quote!(0));
+        quote!((#name, #type_name, #layout))
+    }
+
     /// What is done for the elements of an array, from what is done for one.
     fn for_elements(
         &self,

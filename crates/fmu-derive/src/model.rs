@@ -195,6 +195,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let derivatives = fields.iter().map(|field| field.directional_derivatives(fields));
     let copies = each(Field::copy_from);
     let (saves, loads) = (each(Field::save), each(Field::load));
+    let layouts = saved.clone().map(Field::state_layout);
     let checks = checks(input, fields, krate);
     let result = quote!(::core::result::Result<(), #krate::StateError>);
     let done = quote!(::core::result::Result::Ok(()));
@@ -206,6 +207,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
         unsafe impl #generics #krate::Variables for #ident #arguments #condition {
             const ROWS: &'static [#krate::TableRow] = &[#(#rows),*];
             const IS_UNSAVED: bool = false #(|| #is_unsaved)*;
+            const STATE_LAYOUT: u128 = #krate::state_layout(&[#(#layouts),*]);
 
             fn unset() -> Self { #unset }
             #[inline(always)]

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::ModelError;
+use crate::state_layout::saved;
 
 /// An instant within this fraction of the sample time of a communication point counts as lying on
 /// it: hosts compute time in floating point, so times are never compared for equality.
@@ -14,15 +15,16 @@ const MAX_SAMPLES: f64 = 1e8;
 /// The index of the next instant before the first step, which leads to the general case of `due`.
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 
-/// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct SampleClock {
-    start: f64,
-    ts: f64,
-    /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
-    rate: f64,
-    /// Index of the next instant: a whole number, exact up to 2^53, or `BEFORE_FIRST_STEP`.
-    next: f64,
+saved! {
+    /// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
+    pub(crate) struct SampleClock {
+        start: f64,
+        ts: f64,
+        /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
+        rate: f64,
+        /// Index of the next instant: a whole number, exact up to 2^53, or `BEFORE_FIRST_STEP`.
+        next: f64,
+    }
 }
 
 /// An unset clock, for which every step has too many samples.

@@ -12,6 +12,7 @@ use crate::equations::Equations;
 use crate::error::ModelError;
 use crate::layout::{self, ModelInfo, Place, Tables, copy_fields};
 use crate::model::{Behavior, Model};
+use crate::snapshot;
 
 /// A model with `N` scalar variables.
 pub(crate) struct LaidOut<M, const N: usize> {
@@ -40,6 +41,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         structural_parameters: Self::TABLES.structural_parameters,
         has_log: M::HAS_LOG,
         is_unsaved: M::IS_UNSAVED,
+        state_format: snapshot::format(M::STATE_LAYOUT),
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.structural_parameters.0;

@@ -255,6 +255,8 @@ pub(crate) struct ModelInfo {
     pub(crate) has_log: bool,
     /// Whether its state cannot be saved.
     pub(crate) is_unsaved: bool,
+    /// The format of its serialized states.
+    pub(crate) state_format: u32,
     /// Whether there are structural parameters, and whether any of them is tunable.
     pub(crate) structural_parameters: (bool, bool),
 }

@@ -95,6 +95,7 @@ mod needs;
 mod pointers;
 mod resources;
 mod snapshot;
+mod state_layout;
 mod step;
 pub mod testing;
 mod values;

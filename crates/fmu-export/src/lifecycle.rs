@@ -3,11 +3,11 @@
 use fmi_abi::state::State;
 use fmi_abi::{Call, Group};
 use fmu_description::LogCategory;
-use serde::{Deserialize, Serialize};
 
 use crate::clock::SampleClock;
 use crate::error::{ModelError, ensure};
 use crate::log::Log;
+use crate::state_layout::saved;
 
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;
@@ -15,15 +15,16 @@ const MIN_TOLERANCE: f64 = 1e-9;
 /// The communication point before the first step: no step continues from it.
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 
-/// The type of an instance, as the host chose it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) enum InstanceType {
-    /// Co-simulation.
-    CoSimulation,
-    /// Co-simulation with event mode (FMI 3.0.2, section 4.1.1).
-    CoSimulationWithEvents,
-    /// Model exchange.
-    ModelExchange,
+saved! {
+    /// The type of an instance, as the host chose it.
+    pub(crate) enum InstanceType {
+        /// Co-simulation.
+        CoSimulation,
+        /// Co-simulation with event mode (FMI 3.0.2, section 4.1.1).
+        CoSimulationWithEvents,
+        /// Model exchange.
+        ModelExchange,
+    }
 }
 
 impl InstanceType {
@@ -65,39 +66,39 @@ impl InstanceType {
     }
 }
 
-/// The lifecycle of an instance. Together with the model's values, this is its complete state.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Lifecycle {
-    pub(crate) instance_type: InstanceType,
-    pub(crate) state: State,
-    pub(crate) start_time: f64,
-    /// `f64::MAX` if there is none.
-    pub(crate) stop_time: f64,
-    /// The relative tolerance that the host wants; `None` if it left that to the model.
-    pub(crate) tolerance: Option<f64>,
-    /// Co-simulation: the current communication point (s); `BEFORE_FIRST_STEP` until there is one. Model
-    /// exchange: the time that the host set.
-    pub(crate) time: f64,
-    /// Whether values were set since the outputs were last computed, other than between steps.
-    pub(crate) stale: bool,
-    /// Whether an input has a time derivative for the next step.
-    pub(crate) has_input_derivatives: bool,
-    /// The sample instants of a model with a sample time.
-    pub(crate) clock: SampleClock,
-    pub(crate) integration: Integration,
-}
+saved! {
+    /// The lifecycle of an instance. Together with the model's values, this is its complete state.
+    pub(crate) struct Lifecycle {
+        pub(crate) instance_type: InstanceType,
+        pub(crate) state: State,
+        pub(crate) start_time: f64,
+        /// `f64::MAX` if there is none.
+        pub(crate) stop_time: f64,
+        /// The relative tolerance that the host wants; `None` if it left that to the model.
+        pub(crate) tolerance: Option<f64>,
+        /// Co-simulation: the current communication point (s); `BEFORE_FIRST_STEP` until there is one. Model
+        /// exchange: the time that the host set.
+        pub(crate) time: f64,
+        /// Whether values were set since the outputs were last computed, other than between steps.
+        pub(crate) stale: bool,
+        /// Whether an input has a time derivative for the next step.
+        pub(crate) has_input_derivatives: bool,
+        /// The sample instants of a model with a sample time.
+        pub(crate) clock: SampleClock,
+        pub(crate) integration: Integration,
+    }
 
-/// How a model is integrated.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Integration {
-    /// Relative tolerance.
-    pub(crate) tolerance: f64,
-    /// The time until which events are handled (s).
-    pub(crate) handled: f64,
-    /// Whether the last event has left an event indicator close to zero, and nothing was integrated since.
-    pub(crate) restarts: bool,
-    /// The hash of the variables that cause an event by a new value, when events were last handled.
-    pub(crate) switches: u128,
+    /// How a model is integrated.
+    pub(crate) struct Integration {
+        /// Relative tolerance.
+        pub(crate) tolerance: f64,
+        /// The time until which events are handled (s).
+        pub(crate) handled: f64,
+        /// Whether the last event has left an event indicator close to zero, and nothing was integrated since.
+        pub(crate) restarts: bool,
+        /// The hash of the variables that cause an event by a new value, when events were last handled.
+        pub(crate) switches: u128,
+    }
 }
 
 impl Integration {

@@ -1,6 +1,7 @@
 //! The complete state of an instance: taken, restored and serialized (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section
 //! 2.2.7.4).
 
+use fmu_description::derive::state_layout;
 use fmu_description::hash::checksum;
 use fmu_description::{StateReader, StateWriter};
 
@@ -8,13 +9,20 @@ use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure};
 use crate::instance::{Guid, Instance};
 use crate::lifecycle::Lifecycle;
+use crate::state_layout::StateLayout;
 
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
-/// Version of the serialization format; increase it when the format changes.
-const VERSION: u32 = 11;
+/// The format of the serialized states of a model whose fields have this layout. Bytes of another format are refused.
+pub(crate) const fn format(model: u128) -> u32 {
+    /// Of the header and the parts of the payload, to be raised when [`Instance::serialize`] writes others. Changes of
+    /// their fields are seen.
+    const VERSION: u128 = 12;
+    state_layout(&[("", "", VERSION), ("", "", Lifecycle::LAYOUT), ("", "", model)]) as u32
+}
+
 const CHECKSUM: usize = size_of::<u128>();
-const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
+const HEADER: usize = MAGIC.len() + size_of::<u32>() + size_of::<Guid>();
 
 /// The complete state of an instance.
 pub(crate) struct Snapshot {
@@ -68,6 +76,7 @@ impl Instance {
     /// Serializes a state: header, payload, and a checksum of both.
     pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
         let mut payload = StateWriter::default();
+        let format = self.model.info().state_format;
         let is_own = self.model.type_id() == (*state.model).type_id();
         let saved = payload.put(&state.lifecycle).is_ok()
             && payload.put(&state.starts.is_some()).is_ok()
@@ -75,7 +84,7 @@ impl Instance {
             && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok());
         ensure!(is_own && saved, "the state belongs to another model");
         let mut bytes =
-            [&MAGIC[..], &VERSION.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
+            [&MAGIC[..], &format.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
         bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
         Ok(bytes)
     }
@@ -90,15 +99,16 @@ impl Instance {
             return Err(damaged());
         }
         let (magic, rest) = content.split_at(MAGIC.len());
-        let (version, rest) = rest.split_first_chunk().ok_or_else(damaged)?;
+        let (format, rest) = rest.split_first_chunk().ok_or_else(damaged)?;
         let (guid, payload) = rest.split_at(size_of::<Guid>());
         if magic != MAGIC {
             return Err(damaged());
         }
-        let (version, expected) = (u32::from_le_bytes(*version), self.shared.guid);
+        let (format, expected) = (u32::from_le_bytes(*format), self.shared.guid);
+        let expected_format = self.model.info().state_format;
         ensure!(
-            version == VERSION && guid == expected,
-            "the bytes are a state of the model {}, format {version}; expected {}, format {VERSION}",
+            format == expected_format && guid == expected,
+            "the bytes are a state of the model {}, format {format:08x}; expected {}, format {expected_format:08x}",
             text(guid),
             text(expected)
         );

@@ -5,6 +5,7 @@ use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 
 use fmu_description::Type;
+use fmu_export::Variables;
 use fmu_export::fmi2::fmi2LastSuccessfulTime;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
@@ -207,7 +208,7 @@ fn content(bytes: &[u8]) -> &[u8] {
     &bytes[..bytes.len() - 16]
 }
 
-/// Length of the header: magic number, version and GUID.
+/// Length of the header: magic number, format and GUID.
 const HEADER: usize = 8 + 4 + 38;
 
 #[test]
@@ -227,10 +228,10 @@ fn damaged_bytes_are_refused() {
         assert_refused(&it, &[&bytes, added].concat());
     }
     assert_eq!(it.snapshot(), bytes);
-    // With a valid checksum: magic number, version, both ends of the GUID, an invalid mode, and phases that
+    // With a valid checksum: magic number, format, both ends of the GUID, an invalid mode, and phases that
     // are fatal, of a callback, of model exchange, or invalid.
     assert_eq!(sealed(content(&bytes)), bytes);
-    let header = [(0, b'f'), (8, 1), (12, b'<'), (49, b'>'), (50, 3)];
+    let header = [(0, b'f'), (8, !bytes[8]), (12, b'<'), (49, b'>'), (50, 3)];
     let phases = [6, 12, 8, 13].map(|phase| (51, phase));
     for (place, byte) in header.into_iter().chain(phases) {
         let mut forged = content(&bytes).to_vec();
@@ -323,4 +324,48 @@ fn a_model_with_a_field_that_cannot_be_saved_refuses_to_be() {
         assert!(state.is_null());
         it.steps(0.0, 1.0);
     }
+}
+
+/// The layout of a struct with these fields.
+macro_rules! layout {
+    ($($(#[$option:meta])* $field:ident: $type:ty),*) => {{
+        #[derive(Variables)]
+        #[allow(dead_code, reason = "only the names matter")]
+        struct Fields {
+            $($(#[$option])* $field: $type),*
+        }
+        Fields::STATE_LAYOUT
+    }};
+}
+
+/// The layout of a struct in a struct.
+macro_rules! nested {
+    ($field:ident: $type:ty) => {{
+        #[derive(Variables)]
+        #[allow(dead_code, reason = "only the names matter")]
+        struct Inner {
+            $field: $type,
+        }
+        layout!(#[nested] inner: Inner)
+    }};
+}
+
+#[test]
+fn a_change_of_internal_fields_changes_the_layout_of_saved_states() {
+    let layouts = [
+        layout!(a: f64, b: f64),
+        layout!(b: f64, a: f64),
+        layout!(a: f64, c: f64),
+        layout!(a: f64, b: f32),
+        layout!(a: f64, b: [f64; 1]),
+        layout!(a: f64),
+        nested!(a: f64),
+        nested!(b: f64),
+        nested!(a: f32),
+    ];
+    for (i, layout) in layouts.iter().enumerate() {
+        assert!(!layouts[..i].contains(layout), "{i}");
+    }
+    assert_eq!(layouts[0], layout!(a: f64, b: f64));
+    assert_eq!(layouts[6], nested!(a: f64));
 }
