@@ -9,18 +9,18 @@ use crate::random::Draw;
 use crate::store::Store;
 use crate::{Experiment, Place};
 
-/// A fault of a connection: what it does to the value of the output, and when.
+/// A fault of a connection: its effect on the value of the output, and when it acts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
-    kind: Kind,
+    effect: Effect,
     /// It acts from `start` until shortly before `stop` (s).
     start: f64,
     stop: f64,
 }
 
-/// What a fault does. Amounts are in the unit of the output.
+/// The effect of a fault. Amounts are in the unit of the output.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
+enum Effect {
     /// Adds normally distributed numbers with this deviation.
     Noise(f64),
     Offset(f64),
@@ -81,22 +81,24 @@ impl Fault {
         let expected = KINDS.iter().find_map(|(name, expected)| (*name == key).then_some(expected));
         let expected = expected
             .with_context(|| format!("unknown fault {key}, expected one of {}", names()))?;
-        let kind = match (key.as_str(), amount) {
-            ("noise", Amount::Number(x)) if x >= 0.0 && x.is_finite() => Kind::Noise(x),
-            ("offset", Amount::Number(x)) if x.is_finite() => Kind::Offset(x),
-            ("drift", Amount::Number(x)) if x.is_finite() => Kind::Drift(x),
-            ("gain", Amount::Number(x)) if x.is_finite() => Kind::Gain(x),
-            ("dropout", Amount::Number(x)) if (0.0..=1.0).contains(&x) => Kind::Dropout(x),
-            ("delay", Amount::Number(x)) if x >= 0.0 && x.is_finite() => Kind::Delay(x),
-            ("saturation", Amount::Range([min, max])) if min <= max => Kind::Saturation([min, max]),
+        let effect = match (key.as_str(), amount) {
+            ("noise", Amount::Number(x)) if x >= 0.0 && x.is_finite() => Effect::Noise(x),
+            ("offset", Amount::Number(x)) if x.is_finite() => Effect::Offset(x),
+            ("drift", Amount::Number(x)) if x.is_finite() => Effect::Drift(x),
+            ("gain", Amount::Number(x)) if x.is_finite() => Effect::Gain(x),
+            ("dropout", Amount::Number(x)) if (0.0..=1.0).contains(&x) => Effect::Dropout(x),
+            ("delay", Amount::Number(x)) if x >= 0.0 && x.is_finite() => Effect::Delay(x),
+            ("saturation", Amount::Range([min, max])) if min <= max => {
+                Effect::Saturation([min, max])
+            }
             _ => bail!("{key} = {amount}, expected {expected}"),
         };
-        Ok(Self { kind, start, stop })
+        Ok(Self { effect, start, stop })
     }
 
     /// Checks that a delay is a number of steps.
     pub(crate) fn check(&self, step: f64) -> Result<()> {
-        if let Kind::Delay(delay) = self.kind {
+        if let Effect::Delay(delay) = self.effect {
             let steps = delay / step;
             ensure!(
                 (steps - steps.round()).abs() < 1e-6 && steps <= LONGEST,
@@ -119,7 +121,7 @@ impl std::fmt::Display for Amount {
 /// A connection with faults, in one run.
 #[derive(Debug, Clone)]
 pub(crate) struct FaultyConnection {
-    /// The output, and where the input finds what arrives, among the numbers of the store.
+    /// The place of the output in the store, and the index of the number there that the input takes.
     pub(crate) from: Place,
     pub(crate) to: usize,
     pub(crate) faults: Vec<FaultState>,
@@ -142,9 +144,9 @@ const FIRST_RANK: u64 = 1 << 32;
 impl FaultState {
     pub(crate) fn new(fault: &Fault, seed: u64, rank: usize, experiment: &Experiment) -> Self {
         let Experiment { start, step, .. } = *experiment;
-        let length = match fault.kind {
-            Kind::Delay(delay) => (delay / step).round() as usize,
-            Kind::Dropout(_) => 1,
+        let length = match fault.effect {
+            Effect::Delay(delay) => (delay / step).round() as usize,
+            Effect::Dropout(_) => 1,
             _ => 0,
         };
         Self {
@@ -160,16 +162,16 @@ impl FaultState {
         if k == 0 {
             self.memory.fill(value);
         }
-        let Fault { kind, start, stop } = self.fault;
+        let Fault { effect, start, stop } = self.fault;
         let acts = time >= start - rounding && time < stop - rounding;
         let draw = Draw { seed: self.seed, rank: self.rank, draw: k };
-        match kind {
-            Kind::Delay(_) if !self.memory.is_empty() => {
+        match effect {
+            Effect::Delay(_) if !self.memory.is_empty() => {
                 let place = (k % self.memory.len() as u64) as usize;
                 let delayed = std::mem::replace(&mut self.memory[place], value);
                 if acts { delayed } else { value }
             }
-            Kind::Dropout(probability) => {
+            Effect::Dropout(probability) => {
                 let is_lost = acts && k > 0 && draw.fraction() < probability;
                 if !is_lost {
                     self.memory[0] = value;
@@ -177,12 +179,12 @@ impl FaultState {
                 self.memory[0]
             }
             _ if !acts => value,
-            Kind::Noise(deviation) => value + deviation * draw.normal(),
-            Kind::Offset(offset) => value + offset,
-            Kind::Drift(rate) => value + rate * (time - start),
-            Kind::Gain(gain) => value * gain,
-            Kind::Delay(_) => value,
-            Kind::Saturation([min, max]) => value.clamp(min, max),
+            Effect::Noise(deviation) => value + deviation * draw.normal(),
+            Effect::Offset(offset) => value + offset,
+            Effect::Drift(rate) => value + rate * (time - start),
+            Effect::Gain(gain) => value * gain,
+            Effect::Delay(_) => value,
+            Effect::Saturation([min, max]) => value.clamp(min, max),
         }
     }
 }
@@ -191,7 +193,7 @@ impl FaultyConnection {
     /// Passes the value of step `k` from the output to the input.
     pub(crate) fn carry(&mut self, k: u64, time: f64, step: f64, values: &mut Store) {
         let value = values.number(self.from);
-        let pass = |value, stage: &mut FaultState| stage.pass(value, k, time, 1e-6 * step);
+        let pass = |value, fault: &mut FaultState| fault.pass(value, k, time, 1e-6 * step);
         values.reals[self.to] = self.faults.iter_mut().fold(value, pass);
     }
 }

@@ -3,8 +3,8 @@
 use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
 
-use super::read::number;
-use super::{Cell, Series, rounding, times};
+use super::column::{Cell, Series, number};
+use super::read::{rounding, times};
 
 /// How far numbers may be apart: `absolute + relative * LARGEST`, with the largest magnitude of the variable
 /// in the first table.

@@ -19,10 +19,26 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::record::Field;
 use parquet::schema::types::{Type, TypePtr};
 
-use super::{Cell, Column, Series};
+use super::column::{Cell, Column, Series};
 
 /// Number of rows that are buffered and written column by column.
 const ROWS_PER_GROUP: usize = 1 << 16;
+
+/// Writes rows as Parquet, in order and atomically; an existing file is replaced.
+///
+/// # Errors
+/// The file cannot be written, or a row is an error.
+pub fn write_parquet(
+    file: &Path,
+    columns: &[Column],
+    rows: impl Iterator<Item = Result<Vec<Cell>>>,
+) -> Result<()> {
+    let mut writer = ParquetWriter::new(file, columns);
+    for row in rows {
+        writer.push(row?)?;
+    }
+    writer.finish()
+}
 
 /// Writes rows as Parquet, in order and atomically; an existing file is replaced. Nothing is written before there are
 /// many rows, or all.
@@ -209,4 +225,43 @@ pub(super) fn read(file: &Path) -> Result<Vec<Series>> {
         }
     }
     Ok(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parquet_reads_back_with_types_and_missing_values() {
+        let values = [
+            Value::Float64(0.1 + 0.2),
+            Value::Float32(0.1),
+            Value::Int8(-1),
+            Value::UInt8(u8::MAX),
+            Value::Int16(-2),
+            Value::UInt16(u16::MAX),
+            Value::Int32(i32::MIN),
+            Value::UInt32(u32::MAX),
+            Value::Int64(i64::MIN),
+            Value::UInt64(u64::MAX),
+            Value::Boolean(true),
+            Value::String("π".into()),
+            Value::Binary(vec![0, 255]),
+        ];
+        let names = Vec::from_iter(values.iter().map(|value| format!("a.{:?}", value.of_type())));
+        let columns = names.iter().zip(&values);
+        let columns = columns.map(|(name, v)| Column::new(name, "m/s", v.of_type()).optional());
+        let columns = Vec::from_iter(columns);
+        let rows = [values.clone().map(Some).to_vec(), vec![None; values.len()]];
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.parquet");
+        write_parquet(&file, &columns, rows.into_iter().map(Ok)).unwrap();
+        let expected = names.into_iter().zip(values).map(|(name, value)| {
+            let (unit, cells) = ("m/s".into(), vec![Some(value), None]);
+            Series { name, unit, cells }
+        });
+        assert_eq!(read(&file).unwrap(), Vec::from_iter(expected));
+        std::fs::write(&file, "PAR1").unwrap();
+        read(&file).unwrap_err();
+    }
 }

@@ -5,43 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
-use serde::{Deserialize, Serialize};
 
-use super::{Cell, Format, fields};
-
-/// A column of a table that was read.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Series {
-    /// Its name, such as `component.variable`.
-    pub name: String,
-    /// Its unit; empty if it has none.
-    pub unit: String,
-    /// Its values. Those of CSV are Int64, UInt64, Float64, Boolean or String, whichever the text looks like.
-    pub cells: Vec<Cell>,
-}
-
-impl Series {
-    /// A column without rows; its title is a name, or a name and a unit, `controller.u [N]`.
-    pub(super) fn titled(title: &str) -> Self {
-        let title = title.trim();
-        let parts = title.strip_suffix(']').and_then(|title| title.rsplit_once(" ["));
-        let (name, unit) = parts.unwrap_or((title, ""));
-        Self { name: name.into(), unit: unit.into(), cells: Vec::new() }
-    }
-
-    /// The value of a row as a number, true as 1; `None` if it is missing or a text.
-    pub fn number(&self, row: usize) -> Option<f64> {
-        number(self.cells.get(row)?)
-    }
-}
-
-/// A value as a number, true as 1; `None` if it is missing or a text.
-pub(super) fn number(cell: &Cell) -> Option<f64> {
-    match cell.as_ref()? {
-        Value::Boolean(value) => Some(f64::from(*value)),
-        value => value.as_real().or_else(|| value.as_whole().map(|number| number as f64)),
-    }
-}
+use super::column::{Format, Series, boolean};
+use super::{csv, parquet};
 
 /// Reads a table, as Parquet if the name of the file ends in `.parquet`, else as CSV.
 ///
@@ -61,16 +27,16 @@ pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
 
 fn read_as(file: &Path, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
     match Format::of(file) {
-        Some(Format::Parquet) => super::parquet::read(file),
-        _ => csv(&fs::read_to_string(file)?, value),
+        Some(Format::Parquet) => parquet::read(file),
+        _ => parse(&fs::read_to_string(file)?, value),
     }
 }
 
-pub(super) fn csv(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
+fn parse(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
     // Other programs begin with a mark, end lines with two characters, and add empty lines.
     let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
     let (titles, mut rest) =
-        fields(text.trim_end_matches('\n')).context("line 1, expected names in CSV")?;
+        csv::fields(text.trim_end_matches('\n')).context("line 1, expected names in CSV")?;
     let titles = titles.iter().map(|title| title.as_deref().unwrap_or_default());
     let mut table = Vec::from_iter(titles.map(Series::titled));
     let mut line = 1;
@@ -78,7 +44,7 @@ pub(super) fn csv(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<
         line += 1;
         let row;
         (row, rest) =
-            fields(rest).with_context(|| format!("line {line}, expected fields of CSV"))?;
+            csv::fields(rest).with_context(|| format!("line {line}, expected fields of CSV"))?;
         let (found, expected) = (row.len(), table.len());
         ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
         for (series, field) in table.iter_mut().zip(row) {
@@ -97,15 +63,6 @@ pub(super) fn value(field: &str) -> Value {
     let value = boolean(trimmed).map(Value::Boolean).or_else(|| whole().ok());
     let value = value.or_else(|| trimmed.parse().map(Value::Float64).ok());
     value.unwrap_or_else(|| Value::String(field.to_owned()))
-}
-
-/// A Boolean as this program, Python or a spreadsheet writes it.
-pub(crate) fn boolean(text: &str) -> Option<bool> {
-    match text {
-        "true" | "True" | "TRUE" => Some(true),
-        "false" | "False" | "FALSE" => Some(false),
-        _ => None,
-    }
 }
 
 /// The times of a table, its first column.

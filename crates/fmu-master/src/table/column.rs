@@ -1,0 +1,134 @@
+//! Columns of a table, and the formats of its file.
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use fmu_description::{Type, Value};
+use serde::{Deserialize, Serialize};
+
+/// A column of a table.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Column {
+    /// Its name, such as `component.variable`.
+    pub name: String,
+    /// Its unit; empty if it has none.
+    pub unit: String,
+    /// The type of its values.
+    pub kind: Type,
+    /// Whether a value may be missing.
+    pub optional: bool,
+}
+
+/// A value of a row; `None` if it is missing.
+pub type Cell = Option<Value>;
+
+impl Column {
+    /// A column without missing values.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, kind: Type) -> Self {
+        Self { name: name.into(), unit: unit.into(), kind, optional: false }
+    }
+
+    /// The same column, in which values may be missing.
+    pub fn optional(self) -> Self {
+        let optional = true;
+        Self { optional, ..self }
+    }
+
+    /// Its name in a table.
+    pub fn title(&self) -> String {
+        match self.unit.as_str() {
+            "" => self.name.clone(),
+            unit => format!("{} [{unit}]", self.name),
+        }
+    }
+
+    /// Reads a field.
+    pub(crate) fn parse(&self, field: Option<&str>) -> Result<Cell> {
+        let value = field.and_then(|text| match self.kind {
+            kind if kind.is_float() => Value::real(kind, text.trim().parse().ok()?),
+            kind => Value::parse(kind, text).or_else(|| match kind {
+                Type::Boolean => boolean(text.trim()).map(Value::Boolean),
+                _ => None,
+            }),
+        });
+        if value.is_none() && !(field.is_none() && self.optional) {
+            let (name, found) = (&self.name, field.unwrap_or("empty"));
+            bail!("{name} is {found}, expected {}", expected(self.kind));
+        }
+        Ok(value)
+    }
+}
+
+/// What the values of a type are, in words.
+pub(crate) fn expected(kind: Type) -> String {
+    let (min, max) = kind.range();
+    match kind {
+        Type::Boolean => "true or false".to_owned(),
+        Type::String => "a string".to_owned(),
+        Type::Binary => "hexadecimal digits".to_owned(),
+        kind if kind.is_float() => "a number".to_owned(),
+        _ => format!("a whole number from {min} to {max}"),
+    }
+}
+
+/// A column of a table that was read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Series {
+    /// Its name, such as `component.variable`.
+    pub name: String,
+    /// Its unit; empty if it has none.
+    pub unit: String,
+    /// Its values. Those of CSV are Int64, UInt64, Float64, Boolean or String, whichever the text looks like.
+    pub cells: Vec<Cell>,
+}
+
+impl Series {
+    /// A column without rows; its title is a name, or a name and a unit, `controller.u [N]`.
+    pub(super) fn titled(title: &str) -> Self {
+        let title = title.trim();
+        let parts = title.strip_suffix(']').and_then(|title| title.rsplit_once(" ["));
+        let (name, unit) = parts.unwrap_or((title, ""));
+        Self { name: name.into(), unit: unit.into(), cells: Vec::new() }
+    }
+
+    /// The value of a row as a number, true as 1; `None` if it is missing or a text.
+    pub fn number(&self, row: usize) -> Option<f64> {
+        number(self.cells.get(row)?)
+    }
+}
+
+/// A value as a number, true as 1; `None` if it is missing or a text.
+pub(super) fn number(cell: &Cell) -> Option<f64> {
+    match cell.as_ref()? {
+        Value::Boolean(value) => Some(f64::from(*value)),
+        value => value.as_real().or_else(|| value.as_whole().map(|number| number as f64)),
+    }
+}
+
+/// A Boolean as this program, Python or a spreadsheet writes it.
+pub(crate) fn boolean(text: &str) -> Option<bool> {
+    match text {
+        "true" | "True" | "TRUE" => Some(true),
+        "false" | "False" | "FALSE" => Some(false),
+        _ => None,
+    }
+}
+
+/// The format of a table, by the name of its file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "see the module of tables")]
+pub enum Format {
+    Csv,
+    Parquet,
+}
+
+impl Format {
+    /// The format of a file name, `.csv` or `.parquet`; `None` if it has another extension.
+    pub fn of(file: &Path) -> Option<Self> {
+        match &*file.extension()?.to_str()?.to_ascii_lowercase() {
+            "csv" => Some(Self::Csv),
+            "parquet" => Some(Self::Parquet),
+            _ => None,
+        }
+    }
+}
