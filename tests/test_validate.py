@@ -182,17 +182,56 @@ CASES = list(cases())
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> list[list[str]]:
-    """Return the findings on all mutations, which one run of the program makes."""
+def mutants(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Write an FMU for each mutation."""
     folder = tmp_path_factory.mktemp("mutations")
-    files = [fmu(folder, case[1], case[2], f"{k}.fmu") for k, case in enumerate(CASES)]
-    lines = cargo_fmu("validate", "--all", *files).stdout.splitlines()
-    return [[line for line in lines if line.startswith(f"{file}: ")] for file in files]
+    return [fmu(folder, case[1], case[2], f"{k}.fmu") for k, case in enumerate(CASES)]
+
+
+@pytest.fixture(scope="module")
+def found(mutants: list[Path]) -> list[list[str]]:
+    """Return the findings on all mutations, which one run of the program makes."""
+    lines = cargo_fmu("validate", "--all", *mutants).stdout.splitlines()
+    return [[line for line in lines if line.startswith(f"{file}: ")] for file in mutants]
 
 
 @pytest.mark.parametrize("k", range(len(CASES)), ids=[case[0][:60] for case in CASES])
 def test_every_rule_finds_its_violation(k: int, found: list[list[str]]) -> None:
     check(found[k], *CASES[k][3])
+
+
+OTHER_VIOLATIONS = {
+    "archive-names archive-plain archive-safe files-intact":
+        "test_every_rule_for_archives_finds_its_violation",
+    "adjoint-derivatives array-lengths early-return-flag events-signalled intermediate-update-flag "
+    "last-successful-time start-time-steps structural-parameters":
+        "test_defects_of_what_fmi_3_adds_are_found",
+    "event-mode": "test_event_mode_that_is_declared_is_tested",
+    "file": "test_a_file_that_cannot_be_read_is_a_finding",
+    "flat-names": "test_untrusted_text_is_quoted_on_one_line",
+    "fmi-version": "test_another_version_is_the_only_finding",
+    "input-events": "test_events_by_inputs_that_co_simulation_ignores_are_found",
+    "memory-functions": "test_memory_of_the_host_is_not_used_unless_the_xml_says_so",
+    "not-tested": "test_what_there_was_no_time_for_is_named",
+    "utf-8": "test_other_encodings_are_read",
+}  # fmt: skip
+"""Rules whose violations are neither mutations nor planted defects, and the tests of them."""
+
+
+def test_every_rule_has_code_and_a_violation(mutants: list[Path]) -> None:
+    """A new rule needs a row in rules.md, code, and a mutation or a defect in tests/c/defects.h."""
+    crate = ROOT / "crates" / "fmu-check"
+    rules = set(re.findall(r"^\| `(.+?)` \|", (crate / "rules.md").read_text(), re.MULTILINE))
+    code = "".join(file.read_text() for file in crate.glob("src/**/*.rs"))
+    assert {rule for rule in rules if f'"{rule}"' not in code} == set(), "rules without code"
+    report = json.loads(cargo_fmu("validate", "--all", "--format", "json", *mutants).stdout)
+    mutations = {rule["id"] for file in report["files"] for rule in file["rules"]}
+    planted = set(re.findall(r', "([a-z0-9-]+)", "', (SOURCES / "defects.h").read_text()))
+    others = {rule for names in OTHER_VIOLATIONS for rule in names.split()}
+    assert rules - mutations - planted == others, "rules without a violation, or with two"
+    tests = "".join(file.read_text() for file in Path(__file__).parent.glob("test_*.py"))
+    for test in OTHER_VIOLATIONS.values():
+        assert f"def {test}(" in tests
 
 
 SCHEMA_RULES = {
@@ -578,6 +617,16 @@ def test_the_binary_is_not_blamed_for_errors_of_the_xml(
     found = findings(in_c(tmp_path / "Vector.fmu", "RANDOM", xml=xml), "--quick")
     assert any(line.startswith(f"error: {MODEL_FILE}") for line in found)
     assert ['"y" at t' in line for line in found if "Vector.so" in line] == expected, found
+
+
+def test_event_mode_that_is_declared_is_tested(tmp_path: Path) -> None:
+    xml = re.sub(r' provides\w+Derivatives="true"', "", (SOURCES / "vector.xml").read_text())
+    found = findings(in_c(tmp_path / "Vector.fmu", "NO_STEP_MODE", xml=xml), "--quick")
+    check(found, "hasEventMode is true, but: fmi3EnterStepMode returned fmi3Error")
+
+
+def test_a_file_that_cannot_be_read_is_a_finding(tmp_path: Path) -> None:
+    check(findings(tmp_path / "missing.fmu"), "error: archive: cannot open it")
 
 
 # --- info -----------------------------------------------------------------------------------------

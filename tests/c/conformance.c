@@ -616,7 +616,7 @@ EXPORT Status fmi2Terminate(Instance *c) {
 
 EXPORT Status fmi2Reset(Instance *c) {
     ALLOWED_IN(c, ALIVE);
-    if (HAS(RESET_REFUSED)) return ERROR;
+    if (HAS(RESET_REFUSED) || (HAS(RESET_AFTER_ERROR_REFUSED) && c->failed)) return ERROR;
     if (HAS(RESET_CRASHES)) crash();
     if (HAS(LEAK_PER_RESET)) leak(1000);
     if (HAS(RESET_KEEPS_TIME) && c->now.data.now > 0) {
@@ -1033,6 +1033,10 @@ EXPORT Status fmi2DoStep(Instance *c, double time, double step, int no_set_state
         d->grid_start = end;
     }
     run_until(c, end);
+    if (HAS(TINY_STEPS_DRIFT) && step < 1e-9) {
+        d->x[0] += 0.01;
+        restart_integrator(d);
+    }
     if (HAS(FATAL_LATER) && end > 0.5) return FATAL;
     if (HAS(STEP_STATUS_UNKNOWN)) return 77;
     if (HAS(STEP_PENDING)) return PENDING;

@@ -205,7 +205,12 @@ int fmi3GetInt32(Vector *v, References r, size_t n, int32_t *values, size_t coun
 
 int fmi3EnterEventMode(Vector *v) { return v->event_mode ? OK : ERROR; }
 
-int fmi3EnterStepMode(Vector *v) { return v->event_mode ? OK : ERROR; }
+int fmi3EnterStepMode(Vector *v) {
+#ifdef NO_STEP_MODE
+    return ERROR;
+#endif
+    return v->event_mode ? OK : ERROR;
+}
 
 int fmi3UpdateDiscreteStates(Vector *v, bool *again, bool *terminate, bool *nominals, bool *states, bool *next,
                              double *time) {
