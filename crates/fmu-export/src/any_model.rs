@@ -32,7 +32,7 @@ pub(crate) trait AnyModel: Any {
     /// A hash of the variables that cause an event by a new value, if the model is integrated and has any; else 0.
     fn hash_of_switches(&mut self) -> u128;
     /// Integrates the equations over a step.
-    fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
+    fn integrate(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
     /// What the author has written.
     fn behavior(&self) -> &dyn Behavior;
     fn behavior_mut(&mut self) -> &mut dyn Behavior;
@@ -46,7 +46,7 @@ pub(crate) trait AnyModel: Any {
 
 impl dyn AnyModel {
     /// Connects the log of the model, if it has one.
-    pub(crate) fn connect(&mut self, to: &Log) {
+    pub(crate) fn connect_log(&mut self, to: &Log) {
         if let Some(log) = self.behavior_mut().log() {
             log.clone_from(to);
         }
@@ -70,7 +70,7 @@ impl dyn AnyModel {
             }
             overrides = rest;
         }
-        let arrays = match self.info().structural_parameters.0 {
+        let arrays = match self.info().has_structural_parameters {
             true => self.info().arrays,
             false => &[],
         };

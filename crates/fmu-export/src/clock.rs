@@ -12,7 +12,7 @@ const TOLERANCE: f64 = 1e-6;
 /// Maximum number of samples in one communication step; more would take minutes to compute.
 const MAX_SAMPLES: f64 = 1e8;
 
-/// The index of the next instant before the first step, which leads to the general case of `due`.
+/// The index of the next instant before the first step, which leads to the general case of `count_due`.
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 
 saved! {
@@ -57,12 +57,12 @@ impl SampleClock {
     /// # Errors
     /// There are more than 100 million instants. The step is discarded: the clock is unchanged.
     #[inline]
-    pub(crate) fn due(&mut self, time: f64, step: f64) -> Result<u32, ModelError> {
+    pub(crate) fn count_due(&mut self, time: f64, step: f64) -> Result<u32, ModelError> {
         if self.is_one_due(time, step) {
             self.advance();
             return Ok(1);
         }
-        self.count(time, self.samples_to(time + step))
+        self.count_to(time, self.samples_to(time + step))
     }
 
     /// Whether one instant is due, as in most steps. It takes no rounding.
@@ -78,9 +78,9 @@ impl SampleClock {
         self.next += 1.0;
     }
 
-    /// The general case of [`due`](Self::due), for any number of instants.
+    /// The general case of [`count_due`](Self::count_due), for any number of instants.
     #[inline(never)]
-    fn count(&mut self, time: f64, end: f64) -> Result<u32, ModelError> {
+    fn count_to(&mut self, time: f64, end: f64) -> Result<u32, ModelError> {
         let next = self.next_from(time);
         let samples = libm::ceil(end - next).max(0.0);
         check_count(samples)?;
@@ -99,13 +99,13 @@ impl SampleClock {
     /// Counts the instants up to `time` (up to rounding) that were not counted before.
     ///
     /// # Errors
-    /// As [`due`](Self::due).
-    pub(crate) fn due_until(&mut self, time: f64) -> Result<u32, ModelError> {
+    /// As [`count_due`](Self::count_due).
+    pub(crate) fn count_due_until(&mut self, time: f64) -> Result<u32, ModelError> {
         // The time may come from `next_instant`, whose rounding error exceeds the tolerance if the time
         // is long compared to the sample time.
         let rounding = f64::EPSILON * (time.abs() + self.start.abs()) * self.rate;
         let end = libm::floor(self.samples_to(time) + 2.0 * TOLERANCE + rounding) + 1.0;
-        self.count(time, end)
+        self.count_to(time, end)
     }
 
     /// The sample time (s), which stays the same if the variable from which it came changes.
@@ -264,7 +264,7 @@ mod tests {
             let mut time = start;
             for k in 0..20_000 {
                 let h = 0.001 + if k % 2 == 0 { jitter } else { -jitter };
-                assert_eq!(clock.due(time, h), Ok(1), "step {k}");
+                assert_eq!(clock.count_due(time, h), Ok(1), "step {k}");
                 time = if jitter == 0.0 { start + f64::from(k + 1) * 0.001 } else { time + h };
             }
         }
@@ -273,20 +273,20 @@ mod tests {
     #[test]
     fn a_step_within_the_tolerance_leaves_its_instant_to_the_next() {
         let mut clock = SampleClock::new(0.0, 0.001).unwrap();
-        assert_eq!(clock.due(0.0, 6e-14), Ok(0));
-        assert_eq!(clock.due(6e-14, 0.001 - 6e-14), Ok(1));
-        assert_eq!(clock.due(0.001, 0.001), Ok(1));
+        assert_eq!(clock.count_due(0.0, 6e-14), Ok(0));
+        assert_eq!(clock.count_due(6e-14, 0.001 - 6e-14), Ok(1));
+        assert_eq!(clock.count_due(0.001, 0.001), Ok(1));
     }
 
     #[test]
     fn a_first_step_after_the_start_takes_only_its_own_instants() {
         let mut clock = SampleClock::new(0.0, 0.001).unwrap();
-        assert_eq!(clock.due(0.5, 0.001), Ok(1));
+        assert_eq!(clock.count_due(0.5, 0.001), Ok(1));
     }
 
     #[test]
     fn a_sample_time_must_be_set_and_positive() {
-        assert!(SampleClock::default().due(0.0, 0.001).is_err());
+        assert!(SampleClock::default().count_due(0.0, 0.001).is_err());
         for ts in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-320] {
             assert!(SampleClock::new(0.0, ts).is_err(), "{ts}");
         }
@@ -297,7 +297,7 @@ mod tests {
         for start in [1e6, 1e9, 1e15, -1e12] {
             let mut clock = SampleClock::new(start, 0.001).unwrap();
             for _ in 0..1000 {
-                let due = clock.due_until(clock.next_instant()).unwrap();
+                let due = clock.count_due_until(clock.next_instant()).unwrap();
                 assert!(due > 0, "start {start}: {clock:?}");
             }
         }
@@ -307,8 +307,8 @@ mod tests {
     fn an_excessive_step_is_rejected_and_changes_nothing() {
         let mut clock = SampleClock::new(0.0, 0.001).unwrap();
         let before = clock;
-        assert!(clock.due(0.0, 1e300).is_err());
+        assert!(clock.count_due(0.0, 1e300).is_err());
         assert_eq!(clock, before);
-        assert_eq!(clock.due(0.0, 0.001), Ok(1));
+        assert_eq!(clock.count_due(0.0, 0.001), Ok(1));
     }
 }

@@ -62,7 +62,7 @@ impl Entry {
     ///
     /// An array of this length can be declared only where `M` is known, which is where
     /// [`export!`](crate::export) is used.
-    pub const fn of<M: Model, const N: usize>(
+    pub const fn new<M: Model, const N: usize>(
         interface: Interface,
         embedded: &'static [u8],
     ) -> Self {

@@ -59,7 +59,7 @@ impl Instance {
     fn take_due_samples(&mut self, time: f64) -> Result<(), ModelError> {
         let clock = &mut self.shared.lifecycle.clock;
         let before = *clock;
-        let due = clock.due_until(time)?;
+        let due = clock.count_due_until(time)?;
         self.take_samples(due, before)?;
         self.model.check_outputs()
     }

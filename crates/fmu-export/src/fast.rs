@@ -233,7 +233,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
 #[inline(never)]
 unsafe extern "C" fn any_step(pointer: Pointer, time: f64, step: f64, end: StepEnd) -> Status {
     // SAFETY: the caller's promise.
-    unsafe { instance_at(pointer) }.map_or(Status::Error, |i| i.step(time, step, end))
+    unsafe { instance_at(pointer) }.map_or(Status::Error, |instance| instance.step(time, step, end))
 }
 
 /// Access to Float64. A reference stands for a scalar or an element of an array (`elements`), or for a variable with
@@ -431,7 +431,9 @@ unsafe extern "C" fn get_float64(
     let Some(instance) = instance else { return Status::Error };
     let call = &instance.shared.settings.edge.get_float64;
     match arrays {
-        Some((references, values)) => instance.call(call, |i| i.get_float64(references, values)),
+        Some((references, values)) => {
+            instance.call(call, |instance| instance.get_float64(references, values))
+        }
         None => instance.refuse(call, NULL_ARRAY),
     }
 }
@@ -457,7 +459,9 @@ unsafe extern "C" fn set_float64(
     let Some(instance) = instance else { return Status::Error };
     let call = &instance.shared.settings.edge.set_float64;
     match arrays {
-        Some((references, values)) => instance.call(call, |i| i.set_float64(references, values)),
+        Some((references, values)) => {
+            instance.call(call, |instance| instance.set_float64(references, values))
+        }
         None => instance.refuse(call, NULL_ARRAY),
     }
 }

@@ -1,5 +1,5 @@
 //! An instance of a model: what FMI requires of every FMU, in the vocabulary of FMI 3.0. It knows nothing of
-//! the C interface: an edge calls [`Instance::call`] with the function of the standard, and the work, which is
+//! the C interface: an edge calls [`Instance::call`] with the function of the standard, and the operation, which is
 //! a method of the instance.
 
 use std::any::Any;
@@ -131,7 +131,7 @@ impl<M: AnyModel> Instance<M> {
         (guid, variant): (&'static Guid, Option<VariantStarts>),
         mut model: M,
     ) -> Self {
-        (&mut model as &mut dyn AnyModel).connect(&settings.log);
+        (&mut model as &mut dyn AnyModel).connect_log(&settings.log);
         let info = model.info();
         // providesIntermediateUpdate is false for the others.
         let intermediate_update = (settings.intermediate_update).filter(|_| info.is_continuous);
@@ -162,14 +162,16 @@ impl<M: AnyModel> Instance<M> {
 }
 
 impl Instance {
-    /// Runs `work` if the call is allowed in the current state, and logs failures.
+    /// Runs the operation if the call is allowed in the current state, and logs failures.
     pub(crate) fn call(
         &mut self,
         call: &Call,
-        work: impl FnOnce(&mut Self) -> Result<(), ModelError>,
+        operation: impl FnOnce(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
-        let mut work = Some(work);
-        self.guard(call, &mut |c| work.take().map_or(Ok(()), |work| work(c)))
+        let mut operation = Some(operation);
+        self.guard(call, &mut |instance| {
+            operation.take().map_or(Ok(()), |operation| operation(instance))
+        })
     }
 
     /// The code of [`call`](Self::call) that all calls share.
@@ -177,7 +179,7 @@ impl Instance {
     fn guard(
         &mut self,
         call: &Call,
-        work: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
+        operation: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
         let Lifecycle { instance_type, state, .. } = self.shared.lifecycle;
         if let Some(why) = instance_type.lacks(call) {
@@ -186,7 +188,7 @@ impl Instance {
         if !call.is_allowed(state) {
             return self.refuse_in(state, call);
         }
-        match catch_unwind(AssertUnwindSafe(|| work(self))) {
+        match catch_unwind(AssertUnwindSafe(|| operation(self))) {
             Ok(Ok(())) => Status::Ok,
             Ok(Err(error)) => self.fail(call, error),
             Err(panic) => self.fail_by_panic(call, panic),
@@ -293,7 +295,7 @@ impl Instance {
     pub(crate) fn reset(&mut self) -> Result<(), ModelError> {
         let shared = &mut self.shared;
         self.model.reset(shared.variant);
-        self.model.connect(&shared.settings.log);
+        self.model.connect_log(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.instance_type);
         shared.starts = None;
         self.enter(State::Instantiated);
@@ -317,14 +319,14 @@ impl Instance {
             State::Event => (State::EventReconfiguration, Variability::Tunable),
             _ => (State::StepReconfiguration, Variability::Tunable),
         };
-        let (has_any, has_tunable) = self.model.info().structural_parameters;
+        let info = self.model.info();
         let is_needed = |variability| needed == variability;
         ensure!(
-            has_any || !is_needed(Variability::Fixed),
+            info.has_structural_parameters || !is_needed(Variability::Fixed),
             "the model has no structural parameters"
         );
         ensure!(
-            has_tunable || !is_needed(Variability::Tunable),
+            info.has_tunable_structural_parameters || !is_needed(Variability::Tunable),
             "the model has no tunable structural parameters"
         );
         self.enter(next);

@@ -37,14 +37,16 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         step: M::DEFAULT_EXPERIMENT.1,
         tolerance: M::TOLERANCE,
         has_directional_derivatives: M::IS_CONTINUOUS
-            && matches!(Self::TABLES.directional_derivatives, (true, false)),
-        structural_parameters: Self::TABLES.structural_parameters,
+            && Self::TABLES.has_unknowns
+            && !Self::TABLES.lacks_derivatives,
+        has_structural_parameters: Self::TABLES.has_structural_parameters,
+        has_tunable_structural_parameters: Self::TABLES.has_tunable_structural_parameters,
         has_log: M::HAS_LOG,
         is_unsaved: M::IS_UNSAVED,
         state_format: snapshot::format(M::STATE_LAYOUT),
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
-    pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.structural_parameters.0;
+    pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.has_structural_parameters;
     pub(crate) const ELEMENTS: &'static [Place; N] = &const { Self::TABLES.elements };
     pub(crate) const SCALARS: &'static [Place; N] = &const { Self::TABLES.scalars };
     pub(crate) const VARIABLES: &'static [Place; N] = &const { Self::TABLES.variables };
@@ -121,7 +123,7 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
         }
     }
 
-    fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {
+    fn integrate(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {
         // The solver takes the steps of models without their own, and in event mode, which FMI 3.0 has, those of all
         // with equations. It is in no other library.
         const HAS_EVENT_MODE: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));

@@ -107,11 +107,12 @@ pub(crate) struct Tables<const N: usize> {
     pub(crate) has_input_derivatives: bool,
     /// Whether any variable causes an event by a new value.
     pub(crate) has_switches: bool,
-    /// Whether there is a state derivative or a continuous output that is no state, and whether the derivatives
-    /// of any of them with respect to others are not known.
-    pub(crate) directional_derivatives: (bool, bool),
-    /// Whether there are structural parameters, and whether any of them is tunable.
-    pub(crate) structural_parameters: (bool, bool),
+    /// Whether there is a state derivative or a continuous output that is no state.
+    pub(crate) has_unknowns: bool,
+    /// Whether the derivatives of any of these unknowns with respect to other variables are not known.
+    pub(crate) lacks_derivatives: bool,
+    pub(crate) has_structural_parameters: bool,
+    pub(crate) has_tunable_structural_parameters: bool,
 }
 
 impl<const N: usize> Tables<N> {
@@ -131,8 +132,10 @@ impl<const N: usize> Tables<N> {
             event_indicators: BoundedList::new(0),
             has_input_derivatives: false,
             has_switches: false,
-            directional_derivatives: (false, false),
-            structural_parameters: (false, false),
+            has_unknowns: false,
+            lacks_derivatives: false,
+            has_structural_parameters: false,
+            has_tunable_structural_parameters: false,
         };
         let mut reference = 0;
         while reference < N {
@@ -207,12 +210,13 @@ impl<const N: usize> Tables<N> {
         if matches!(variable.dynamics, Dynamics::Derivative { .. })
             || is_output && !matches!(variable.dynamics, Dynamics::State)
         {
-            self.directional_derivatives.0 = true;
-            self.directional_derivatives.1 |= variable.depends_on.is_empty();
+            self.has_unknowns = true;
+            self.lacks_derivatives |= variable.depends_on.is_empty();
         }
         if matches!(variable.causality, Causality::StructuralParameter) {
-            self.structural_parameters.0 = true;
-            self.structural_parameters.1 |= matches!(variable.variability, Variability::Tunable);
+            self.has_structural_parameters = true;
+            self.has_tunable_structural_parameters |=
+                matches!(variable.variability, Variability::Tunable);
         }
     }
 }
@@ -257,8 +261,8 @@ pub(crate) struct ModelInfo {
     pub(crate) is_unsaved: bool,
     /// The format of its serialized states.
     pub(crate) state_format: u32,
-    /// Whether there are structural parameters, and whether any of them is tunable.
-    pub(crate) structural_parameters: (bool, bool),
+    pub(crate) has_structural_parameters: bool,
+    pub(crate) has_tunable_structural_parameters: bool,
 }
 
 /// The number of elements in use.

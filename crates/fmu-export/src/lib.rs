@@ -156,7 +156,7 @@ macro_rules! export {
             #[used]
             static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
                 $crate::embedded::write(&INTERFACE);
-            $crate::Entry::of::<$model, COUNT>(INTERFACE, &EMBEDDED)
+            $crate::Entry::new::<$model, COUNT>(INTERFACE, &EMBEDDED)
         }),+]);
 
         #[cfg(target_arch = "wasm32")]

@@ -14,8 +14,13 @@ impl Instance {
     /// Checks a step. Returns the status of the call if no step is to be taken.
     pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Status> {
         let call = &self.shared.settings.edge.do_step;
-        let status = self.call(call, |c| {
-            c.shared.lifecycle.check_step(call.name, time, step, &c.shared.settings.log)
+        let status = self.call(call, |instance| {
+            instance.shared.lifecycle.check_step(
+                call.name,
+                time,
+                step,
+                &instance.shared.settings.log,
+            )
         });
         // Some hosts iterate events with steps of 0.
         (status != Status::Ok || step == 0.0).then_some(status)
@@ -82,7 +87,7 @@ impl Instance {
         if self.model.info().is_sampled {
             let clock = &mut self.shared.lifecycle.clock;
             let before = *clock;
-            let due = clock.due(time, step)?;
+            let due = clock.count_due(time, step)?;
             self.take_samples(due, before)?;
         } else {
             self.model.behavior_mut().on_step(time, step)?;
@@ -126,7 +131,7 @@ impl Instance {
             event,
             restarts: integration.restarts,
         };
-        let advanced = model.advance(&mut shared.workspace, &step);
+        let advanced = model.integrate(&mut shared.workspace, &step);
         match &advanced {
             Ok(Advanced { handled, restarts, .. }) => {
                 (integration.handled, integration.restarts) = (*handled, *restarts);
@@ -140,13 +145,13 @@ impl Instance {
 
 /// What a step returns besides its status.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Results {
+pub(crate) struct StepResults {
     pub(crate) event_handling_needed: bool,
     pub(crate) early_return: bool,
     pub(crate) last_successful_time: f64,
 }
 
-impl Results {
+impl StepResults {
     /// Those of a step without events that ended at the given time.
     #[inline(always)]
     pub(crate) fn plain(last_successful_time: f64) -> Self {
@@ -159,7 +164,7 @@ pub(crate) enum Next {
     /// Let the host do its update, and continue with the time of an early return that it requests.
     Update(IntermediateUpdate),
     /// Return from the step.
-    Return(Status, Results),
+    Return(Status, StepResults),
 }
 
 /// A step that is taken in parts. It borrows the instance only while a part is taken, since the host calls
@@ -173,43 +178,47 @@ pub(crate) struct Stepping {
     /// Times that differ less are equal: their rounding errors differ, and the errors of hosts add up.
     tolerance: f64,
     /// The internal points, where the host is called back, divide the step into so many equal parts.
-    count: f64,
+    points: f64,
     /// The next internal point, from 1.
-    k: u32,
+    next_point: u32,
     /// Whether an event is to be handled in event mode.
     has_event: bool,
 }
 
 impl Stepping {
     /// Begins a step; fails with what it returns if no step is to be taken.
-    pub(crate) fn begin(c: &mut Instance, time: f64, step: f64) -> Result<Self, (Status, Results)> {
-        if let Some(status) = c.refuse_step(time, step) {
-            return Err((status, Results::plain(c.shared.lifecycle.now())));
+    pub(crate) fn begin(
+        instance: &mut Instance,
+        time: f64,
+        step: f64,
+    ) -> Result<Self, (Status, StepResults)> {
+        if let Some(status) = instance.refuse_step(time, step) {
+            return Err((status, StepResults::plain(instance.shared.lifecycle.now())));
         }
-        let call = &c.shared.settings.edge.do_step;
+        let call = &instance.shared.settings.edge.do_step;
         // As without event mode, a step with too many samples is not begun.
-        let counted = c.call(call, |c| {
-            let shared = &c.shared;
+        let counted = instance.call(call, |instance| {
+            let shared = &instance.shared;
             let is_whole = !shared.settings.early_return_allowed;
-            if is_whole && c.model.info().is_sampled {
+            if is_whole && instance.model.info().is_sampled {
                 let mut clock = shared.lifecycle.clock;
-                let counted = clock.due(time, step);
+                let counted = clock.count_due(time, step);
                 counted.map_err(|error| error.in_step(time, step))?;
             }
             Ok(())
         });
         if counted != Status::Ok {
-            return Err((counted, Results::plain(c.shared.lifecycle.now())));
+            return Err((counted, StepResults::plain(instance.shared.lifecycle.now())));
         }
         /// The internal points are at most this many, and at most as far from each other as the steps of the
         /// model's default experiment.
         const MAX: f64 = 1e6;
-        let info = c.model.info();
+        let info = instance.model.info();
         // A ramp of an input begins where the model's own step does, so that step is taken as a whole.
-        let is_divided = c.shared.settings.intermediate_update.is_some()
+        let is_divided = instance.shared.settings.intermediate_update.is_some()
             && info.is_continuous
-            && !c.shared.lifecycle.has_input_derivatives;
-        let count = match is_divided {
+            && !instance.shared.lifecycle.has_input_derivatives;
+        let points = match is_divided {
             true => libm::ceil(step / info.step - 1e-6).clamp(1.0, MAX),
             false => 1.0,
         };
@@ -219,44 +228,44 @@ impl Stepping {
             now: time,
             end: time + step,
             tolerance: 1e-6 * step + 8.0 * f64::EPSILON * time.abs(),
-            count,
-            k: 1,
+            points,
+            next_point: 1,
             has_event: false,
         })
     }
 
     /// Takes parts of the step up to the next intermediate update, or the end.
-    pub(crate) fn advance(&mut self, c: &mut Instance) -> Next {
-        match self.take_parts(c) {
+    pub(crate) fn advance(&mut self, instance: &mut Instance) -> Next {
+        match self.take_parts(instance) {
             Ok(next) => next,
             Err(status) => {
-                let now = c.shared.lifecycle.now();
+                let now = instance.shared.lifecycle.now();
                 let status = match now > self.start {
-                    true => c.fail_part(status),
+                    true => instance.fail_part(status),
                     false => status,
                 };
-                Next::Return(status, Results::plain(now))
+                Next::Return(status, StepResults::plain(now))
             }
         }
     }
 
-    fn take_parts(&mut self, c: &mut Instance) -> Result<Next, Status> {
-        let call = &c.shared.settings.edge.do_step;
-        let settings = &c.shared.settings;
+    fn take_parts(&mut self, instance: &mut Instance) -> Result<Next, Status> {
+        let call = &instance.shared.settings.edge.do_step;
+        let settings = &instance.shared.settings;
         let may_return = settings.early_return_allowed;
         let calls_back = settings.intermediate_update.is_some();
         loop {
-            let internal = self.start + self.size * (f64::from(self.k) / self.count);
+            let internal = self.start + self.size * (f64::from(self.next_point) / self.points);
             let is_internal = internal < self.end - self.tolerance;
             let to = if is_internal { internal } else { self.end };
-            passed(c.call(call, |c| self.take_part(c, to)))?;
+            passed(instance.call(call, |instance| self.take_part(instance, to)))?;
             let is_end = self.now >= self.end - self.tolerance;
             if self.has_event && (is_end || may_return) {
                 return Ok(self.finish());
             }
-            self.k += 1;
+            self.next_point += 1;
             if calls_back {
-                c.enter(State::IntermediateUpdate);
+                instance.enter(State::IntermediateUpdate);
                 return Ok(Next::Update(IntermediateUpdate {
                     time: self.now,
                     set_requested: !is_end,
@@ -271,10 +280,11 @@ impl Stepping {
 
     /// Advances to a time, or to the first event if the step may end there. In event mode, events are the
     /// host's: nothing discrete changes in a step. Without early return, they wait for its end.
-    fn take_part(&mut self, c: &mut Instance, mut to: f64) -> Result<(), ModelError> {
-        let has_events = c.shared.lifecycle.instance_type == InstanceType::CoSimulationWithEvents;
-        let may_return = c.shared.settings.early_return_allowed;
-        let event = if has_events { c.next_event() } else { None };
+    fn take_part(&mut self, instance: &mut Instance, mut to: f64) -> Result<(), ModelError> {
+        let has_events =
+            instance.shared.lifecycle.instance_type == InstanceType::CoSimulationWithEvents;
+        let may_return = instance.shared.settings.early_return_allowed;
+        let event = if has_events { instance.next_event() } else { None };
         let event = event.filter(|event| *event <= to + self.tolerance);
         // A step that ends at an event ends exactly where the host wants it.
         let is_within = event.is_some_and(|event| event < self.end - self.tolerance);
@@ -282,16 +292,16 @@ impl Stepping {
             to = event.max(self.now);
         }
         self.has_event |= event.is_some();
-        let (time, step, info) = (self.now, to - self.now, c.model.info());
+        let (time, step, info) = (self.now, to - self.now, instance.model.info());
         let mut reached = to;
         if step > 0.0 && !(has_events && info.is_sampled) {
             // A step of the model's own would handle its events.
             let would_handle = !info.event_indicators.is_empty() || is_within && !may_return;
             let taken = match (has_events, info.is_integrated) {
-                (false, true) => c.integrate(time, step),
+                (false, true) => instance.integrate(time, step),
                 (true, is_integrated) if is_integrated || would_handle => {
                     let events = if may_return { Events::EndStep } else { Events::Wait };
-                    c.integrate_to(time, step, events).map(|advanced| {
+                    instance.integrate_to(time, step, events).map(|advanced| {
                         let Advanced { reached: size, has_event, .. } = advanced;
                         self.has_event |= has_event;
                         if size < step {
@@ -299,27 +309,27 @@ impl Stepping {
                         }
                     })
                 }
-                _ => c.take_step(time, step),
+                _ => instance.take_step(time, step),
             };
             taken.map_err(|error| error.in_step(time, step))?;
         }
-        c.end_ramps();
+        instance.end_ramps();
         self.now = reached;
-        c.shared.lifecycle.time = reached;
+        instance.shared.lifecycle.time = reached;
         Ok(())
     }
 
     /// Continues after an intermediate update, in which the host may have requested an early return.
     pub(crate) fn resume(
         &mut self,
-        c: &mut Instance,
+        instance: &mut Instance,
         update: IntermediateUpdate,
         requested: Option<f64>,
     ) -> Next {
-        match c.shared.lifecycle.state {
-            State::IntermediateUpdate => c.enter(State::StepMode),
-            State::Fatal => return Next::Return(Status::Fatal, Results::plain(self.now)),
-            _ => return Next::Return(Status::Error, Results::plain(self.now)),
+        match instance.shared.lifecycle.state {
+            State::IntermediateUpdate => instance.enter(State::StepMode),
+            State::Fatal => return Next::Return(Status::Fatal, StepResults::plain(self.now)),
+            _ => return Next::Return(Status::Error, StepResults::plain(self.now)),
         }
         let requested = requested.filter(|time| update.can_return_early && time.is_finite());
         if let Some(requested) = requested {
@@ -327,12 +337,12 @@ impl Stepping {
         }
         match !update.set_requested || self.end <= self.now + self.tolerance {
             true => self.finish(),
-            false => self.advance(c),
+            false => self.advance(instance),
         }
     }
 
     fn finish(&self) -> Next {
-        let results = Results {
+        let results = StepResults {
             event_handling_needed: self.has_event,
             early_return: self.now < self.start + self.size - self.tolerance,
             last_successful_time: self.now,

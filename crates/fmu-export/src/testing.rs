@@ -138,7 +138,7 @@ impl<M: Drive> Driver<M> {
         };
         let instance = &mut hosted.instance;
         instance.shared.settings.log = Log::new(Some(Box::new(sink)), true);
-        instance.model.connect(&instance.shared.settings.log);
+        instance.model.connect_log(&instance.shared.settings.log);
         Self { hosted, log, origin: 0.0, count: 0.0, size: 0.0, _model: std::marker::PhantomData }
     }
 
@@ -154,10 +154,10 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// The model cannot be initialized with its values, or is so already.
     pub fn initialize(&mut self, time: f64) -> Result<(), ModelError> {
-        let status = self.hosted.instance.call(&INITIALIZE, |c| {
-            c.set_experiment(time, None, None)?;
-            c.enter(State::Initialization);
-            c.exit_initialization_mode()
+        let status = self.hosted.instance.call(&INITIALIZE, |instance| {
+            instance.set_experiment(time, None, None)?;
+            instance.enter(State::Initialization);
+            instance.exit_initialization_mode()
         });
         let lifecycle = &mut self.hosted.instance.shared.lifecycle;
         if lifecycle.state == State::Initialization {
@@ -221,7 +221,7 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// There is no such variable, it cannot be set now, or not to this value.
     pub fn set(&mut self, name: &str, value: impl Into<Value>) -> Result<(), ModelError> {
-        let (reference, scalar) = self.find(name)?;
+        let (reference, scalar) = self.variable_named(name)?;
         let of_type = scalar.variable.start.of_type().accessed_as(EDGE.version);
         let value = value.into();
         let given = |_| match (value.as_real(), value.as_whole()) {
@@ -231,7 +231,7 @@ impl<M: Drive> Driver<M> {
             (None, None) if value.of_type() == of_type => HostValue::Other(Ok(value.clone())),
             (None, None) => HostValue::Other(Err(value.to_string())),
         };
-        let set = |c: &mut Instance| c.set(of_type, &[reference], 1, &given);
+        let set = |instance: &mut Instance| instance.set_of_type(of_type, &[reference], 1, &given);
         let status = self.hosted.instance.call(&EDGE.set_float64, set);
         self.result(status)
     }
@@ -241,10 +241,12 @@ impl<M: Drive> Driver<M> {
     /// # Errors
     /// There is no such variable, or its value cannot be computed.
     pub fn get(&mut self, name: &str) -> Result<Value, ModelError> {
-        let (reference, scalar) = self.find(name)?;
+        let (reference, scalar) = self.variable_named(name)?;
         let of_type = scalar.variable.start.of_type().accessed_as(EDGE.version);
         let mut found = Value::Boolean(false);
-        let get = |c: &mut Instance| c.get(of_type, &[reference], 1, &mut |_, value| found = value);
+        let get = |instance: &mut Instance| {
+            instance.get_of_type(of_type, &[reference], 1, &mut |_, value| found = value)
+        };
         let status = self.hosted.instance.call(&EDGE.get_float64, get);
         self.result(status)?;
         Ok(found)
@@ -274,7 +276,7 @@ impl<M: Drive> Driver<M> {
         self.log.take()
     }
 
-    fn find(&self, name: &str) -> Result<(u32, ScalarVariable), ModelError> {
+    fn variable_named(&self, name: &str) -> Result<(u32, ScalarVariable), ModelError> {
         let count = self.hosted.instance.model.info().count as u32;
         let all = (0..count).filter_map(|reference| {
             Some((reference, self.hosted.instance.model.scalar_at(reference)?))

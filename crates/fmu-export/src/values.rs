@@ -61,7 +61,7 @@ fn expected(field: &Declaration) -> String {
 impl Instance {
     /// Gets variables by the functions of a type, which have `n` elements together. All are checked before
     /// `put` receives the first element with its value, which is of this type.
-    pub(crate) fn get(
+    pub(crate) fn get_of_type(
         &mut self,
         of_type: Type,
         references: &[u32],
@@ -185,7 +185,7 @@ impl Instance {
     }
 
     /// Sets variables by the functions of a type, all or none.
-    pub(crate) fn set(
+    pub(crate) fn set_of_type(
         &mut self,
         of_type: Type,
         references: &[u32],
@@ -229,7 +229,7 @@ impl Instance {
         let value = value.within(scalar.variable);
         // Some hosts set values again that stay the same: OpenModelica all parameters after the initialization, FMPy
         // all inputs when it locates events.
-        let is_same = |c: &mut Self| {
+        let is_same = |instance: &mut Self| {
             let is_set_again = match (scalar.variable.causality, scalar.variable.variability) {
                 (Causality::Parameter, Variability::Fixed) => {
                     matches!(state, State::StepMode | State::Event | State::ContinuousTime)
@@ -237,7 +237,7 @@ impl Instance {
                 (Causality::Input, _) => state == State::ContinuousTime,
                 _ => false,
             };
-            is_set_again && value.as_ref().is_ok_and(|value| *value == c.model.get(&scalar))
+            is_set_again && value.as_ref().is_ok_and(|value| *value == instance.model.get(&scalar))
         };
         if let Some(why) = not_settable(scalar.variable, state, instance_type)
             && !is_same(self)
@@ -260,7 +260,7 @@ macro_rules! numbers {
                     references: &[u32],
                     values: &mut [$type],
                 ) -> Result<(), ModelError> {
-                    self.get(Type::$name, references, values.len(), &mut |i, value| {
+                    self.get_of_type(Type::$name, references, values.len(), &mut |i, value| {
                         if let Value::$name(value) = value {
                             values[i] = value;
                         }
@@ -273,7 +273,7 @@ macro_rules! numbers {
                     values: &[$type],
                 ) -> Result<(), ModelError> {
                     let given = |i: usize| HostValue::$given(values[i].into());
-                    self.set(Type::$name, references, values.len(), &given)
+                    self.set_of_type(Type::$name, references, values.len(), &given)
                 }
             )*
         }

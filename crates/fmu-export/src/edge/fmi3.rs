@@ -31,7 +31,7 @@ use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
 use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
 use crate::resources::Folder;
-use crate::step::{Next, Results, Stepping};
+use crate::step::{Next, StepResults, Stepping};
 use crate::values::HostValue;
 
 pub(super) static EDGE: Edge = Edge {
@@ -238,9 +238,9 @@ pub unsafe extern "C" fn fmi3DoStep(
 ) -> fmi3Status {
     // SAFETY: the host's promises, as for all entry points; some hosts pass NULL for results.
     let status = unsafe {
-        put(event_handling_needed, fmi3False);
-        put(terminate, fmi3False);
-        put(early_return, fmi3False);
+        write_result(event_handling_needed, fmi3False);
+        write_result(terminate, fmi3False);
+        write_result(early_return, fmi3False);
         match head(instance) {
             Some(head) if head.is_stepped_in_parts => {
                 let (event, early, last) =
@@ -257,7 +257,7 @@ pub unsafe extern "C" fn fmi3DoStep(
 /// # Safety
 /// The pointer is NULL or writable.
 #[inline(always)]
-unsafe fn put<T>(pointer: *mut T, value: T) {
+unsafe fn write_result<T>(pointer: *mut T, value: T) {
     if !pointer.is_null() {
         // SAFETY: not NULL, and writable by the caller's promise.
         unsafe { pointer.write(value) };
@@ -282,37 +282,37 @@ unsafe extern "C" fn step_in_parts(
     // SAFETY: the caller's promise.
     unsafe {
         let (status, results) = in_parts(instance, time, step);
-        put(event_handling_needed, results.event_handling_needed.into());
-        put(early_return, results.early_return.into());
-        put(last_successful_time, results.last_successful_time);
+        write_result(event_handling_needed, results.event_handling_needed.into());
+        write_result(early_return, results.early_return.into());
+        write_result(last_successful_time, results.last_successful_time);
         status
     }
 }
 
 /// # Safety
 /// As [`step_in_parts`].
-unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Status, Results) {
+unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Status, StepResults) {
     // SAFETY: the caller's promise; each reference ends before the callback.
     let borrow = || unsafe { instance_at(instance) };
-    let failed = (Status::Error, Results::plain(time));
-    let Some(c) = borrow() else {
+    let failed = (Status::Error, StepResults::plain(time));
+    let Some(instance) = borrow() else {
         return failed;
     };
-    let call_back = c.shared.settings.intermediate_update.clone();
-    let mut stepping = match Stepping::begin(c, time, step) {
+    let call_back = instance.shared.settings.intermediate_update.clone();
+    let mut stepping = match Stepping::begin(instance, time, step) {
         Ok(stepping) => stepping,
         Err(returned) => return returned,
     };
-    let mut next = stepping.advance(c);
+    let mut next = stepping.advance(instance);
     loop {
         match next {
             Next::Return(status, results) => return (status, results),
             Next::Update(update) => {
                 let requested = call_back.as_ref().and_then(|call_back| call_back(update));
-                let Some(c) = borrow() else {
+                let Some(instance) = borrow() else {
                     return failed;
                 };
-                next = stepping.resume(c, update, requested);
+                next = stepping.resume(instance, update, requested);
             }
         }
     }
@@ -355,10 +355,10 @@ trait Operations: BorrowMut<Instance> {
         stop_defined: bool,
         stop: f64,
     ) -> Result<(), ModelError> {
-        let c = self.borrow_mut();
+        let instance = self.borrow_mut();
         let tolerance = tolerance_defined.then_some(tolerance);
-        c.set_experiment(start, stop_defined.then_some(stop), tolerance)?;
-        c.enter(State::Initialization);
+        instance.set_experiment(start, stop_defined.then_some(stop), tolerance)?;
+        instance.enter(State::Initialization);
         Ok(())
     }
 
@@ -402,7 +402,7 @@ impl Instance {
         values: &mut [fmi3Binary],
     ) -> Result<(), ModelError> {
         let mut found = Vec::with_capacity(values.len());
-        self.get(Type::Binary, references, values.len(), &mut |_, value| {
+        self.get_of_type(Type::Binary, references, values.len(), &mut |_, value| {
             if let Value::Binary(bytes) = value {
                 found.push(bytes);
             }
@@ -428,6 +428,6 @@ impl Instance {
             let bytes = binaries[i].ok_or_else(|| "NULL".to_owned());
             HostValue::Other(bytes.map(|bytes| Value::Binary(bytes.to_owned())))
         };
-        self.set(Type::Binary, references, binaries.len(), &given)
+        self.set_of_type(Type::Binary, references, binaries.len(), &given)
     }
 }

@@ -47,7 +47,7 @@ macro_rules! entry {
             // SAFETY: the host's promise: NULL or an instance.
             let instance = unsafe { instance_at(instance) };
             let call = &calls::$name;
-            $s(instance.map_or(Status::Error, |c| c.refuse(call, unsupported(call.name))) as c_int)
+            $s(instance.map_or(Status::Error, |instance| instance.refuse(call, unsupported(call.name))) as c_int)
         }
     };
     ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
@@ -66,7 +66,7 @@ macro_rules! entry {
                     Ok(arg) => arg,
                     Err(why) => return $s(instance.refuse(call, why) as c_int),
                 };)*
-                instance.call(call, |c| apply!(c.$operation [] $($arg: $kind,)*))
+                instance.call(call, |instance| apply!(instance.$operation [] $($arg: $kind,)*))
             };
             $s(status as c_int)
         }
@@ -106,12 +106,12 @@ macro_rules! convert {
 
 /// Calls a method with all arguments but the lengths.
 macro_rules! apply {
-    ($c:ident.$method:ident [$($done:ident)*]) => { $c.$method($($done),*) };
-    ($c:ident.$method:ident [$($done:ident)*] $n:ident: [len], $($rest:tt)*) => {
-        apply!($c.$method [$($done)*] $($rest)*)
+    ($instance:ident.$method:ident [$($done:ident)*]) => { $instance.$method($($done),*) };
+    ($instance:ident.$method:ident [$($done:ident)*] $n:ident: [len], $($rest:tt)*) => {
+        apply!($instance.$method [$($done)*] $($rest)*)
     };
-    ($c:ident.$method:ident [$($done:ident)*] $arg:ident: $kind:tt, $($rest:tt)*) => {
-        apply!($c.$method [$($done)* $arg] $($rest)*)
+    ($instance:ident.$method:ident [$($done:ident)*] $arg:ident: $kind:tt, $($rest:tt)*) => {
+        apply!($instance.$method [$($done)* $arg] $($rest)*)
     };
 }
 
@@ -174,7 +174,7 @@ impl Instance {
         references: &[u32],
         values: &mut [B],
     ) -> Result<(), ModelError> {
-        self.get(Type::Boolean, references, values.len(), &mut |i, value| {
+        self.get_of_type(Type::Boolean, references, values.len(), &mut |i, value| {
             values[i] = (value == Value::Boolean(true)).into();
         })
     }
@@ -190,7 +190,7 @@ impl Instance {
                 other => Err(other.to_string()),
             })
         };
-        self.set(Type::Boolean, references, values.len(), &given)
+        self.set_of_type(Type::Boolean, references, values.len(), &given)
     }
 
     /// Hands out pointers to texts that live until the next call.
@@ -200,7 +200,7 @@ impl Instance {
         values: &mut [*const c_char],
     ) -> Result<(), ModelError> {
         let mut texts = Vec::with_capacity(values.len());
-        self.get(Type::String, references, values.len(), &mut |_, value| {
+        self.get_of_type(Type::String, references, values.len(), &mut |_, value| {
             if let Value::String(text) = value {
                 texts.push(c_text(&text));
             }
@@ -226,7 +226,7 @@ impl Instance {
                 None => Err("NULL".into()),
             })
         };
-        self.set(Type::String, references, values.len(), &given)
+        self.set_of_type(Type::String, references, values.len(), &given)
     }
 
     fn completed_integrator_step<B: From<bool>>(

@@ -326,8 +326,8 @@ const FAST: Interface = interface::<Every, N>(Some(
 const SMALL: Interface =
     interface::<Sampled, { Sampled::COUNT as usize }>(Some("Sampled=Small;11:1:1"));
 static VARIANTS: &[Entry] = &[
-    Entry::of::<Every, N>(FAST, &[]),
-    Entry::of::<Sampled, { Sampled::COUNT as usize }>(SMALL, &[]),
+    Entry::new::<Every, N>(FAST, &[]),
+    Entry::new::<Sampled, { Sampled::COUNT as usize }>(SMALL, &[]),
 ];
 
 #[test]

@@ -36,10 +36,10 @@ pub(super) fn answer<T>(status: fmi3Status, result: T) -> *const Answer<T> {
 /// Tells the host of a panic, after which the component ends.
 pub(super) fn report_panic(panic: &PanicHookInfo<'_>) {
     // SAFETY: the call that panicked does not continue, so the instance is not used otherwise.
-    if let Some(c) = unsafe { instance_at(CURRENT.get()) } {
+    if let Some(instance) = unsafe { instance_at(CURRENT.get()) } {
         let place = panic.location().map_or_else(String::new, |place| format!("{place}: "));
         let text = text_of_panic(panic.payload());
         let message = format_args!("{place}the model panicked, and the component ends: {text}");
-        c.shared.settings.log.send(LogCategory::Fatal, message);
+        instance.shared.settings.log.send(LogCategory::Fatal, message);
     }
 }

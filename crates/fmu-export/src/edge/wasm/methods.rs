@@ -48,7 +48,7 @@ unsafe fn get<T>(instance: Pointer, references: *const u32, n: usize, by: Get<T>
     ) -> Values<u64> {
         // SAFETY: the caller's promise; the memory is for as many values.
         unsafe {
-            let n_values = count(i, references, n);
+            let n_values = number_of_elements(i, references, n);
             call(i, || {
                 let first = allocate(n_values.saturating_mul(size).div_ceil(size_of::<u64>()));
                 let status = by(i, references, n, first, n_values);
@@ -66,7 +66,7 @@ unsafe fn get<T>(instance: Pointer, references: *const u32, n: usize, by: Get<T>
 ///
 /// # Safety
 /// As [`slice`].
-unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
+unsafe fn number_of_elements(instance: Pointer, references: *const u32, n: usize) -> usize {
     // SAFETY: the caller's promise.
     unsafe {
         head(instance).map_or(0, |head| (head.vtable.count_elements)(instance, references, n))
@@ -122,7 +122,7 @@ macro_rules! method {
         unsafe extern "C" fn $operation(instance: Pointer) -> Values<f64> {
             // SAFETY: the host's promises.
             unsafe {
-                let n = instance_at(instance).map_or(0, |c| c.model.vector_length(SolverVector::$which));
+                let n = instance_at(instance).map_or(0, |instance| instance.model.vector_length(SolverVector::$which));
                 values(instance, n, |first, n| $name(instance, first, n))
             }
         }
@@ -168,8 +168,8 @@ macro_rules! unsupported {
 fn refuse(instance: Pointer, operation: &Call) {
     call(instance, || {
         // SAFETY: the host's promise: an instance that is not used otherwise.
-        let c = unsafe { instance_at(instance) };
-        c.map(|c| c.refuse(operation, unsupported(operation.name)));
+        let instance = unsafe { instance_at(instance) };
+        instance.map(|instance| instance.refuse(operation, unsupported(operation.name)));
     });
 }
 
@@ -223,8 +223,8 @@ unsafe fn perform(
     method: impl FnOnce(&mut Instance) -> Result<(), ModelError>,
 ) -> fmi3Status {
     // SAFETY: the caller's promise.
-    let c = unsafe { instance_at(instance) };
-    c.map_or(fmi3Error, |c| fmi3Status(c.call(operation, method) as i32))
+    let instance = unsafe { instance_at(instance) };
+    instance.map_or(fmi3Error, |instance| fmi3Status(instance.call(operation, method) as i32))
 }
 
 /// Defines the functions that get and set texts or bytes, which C has as pointers.
@@ -236,11 +236,11 @@ macro_rules! lists {
         ) -> Values<Text> {
             // SAFETY: the host's promises; the memory is for as many values.
             unsafe {
-                let n_values = count(instance, references, n);
+                let n_values = number_of_elements(instance, references, n);
                 values(instance, n_values, |first: *mut Text, n_values| {
-                    perform(instance, &calls::$get_in_c, |c| {
+                    perform(instance, &calls::$get_in_c, |instance| {
                         let references = slice(references, n);
-                        c.get(Type::$name, references, n_values, &mut |i, value| {
+                        instance.get_of_type(Type::$name, references, n_values, &mut |i, value| {
                             if let Value::$name(value) = value {
                                 first.add(i).write(copied(value.as_ref()));
                             }
@@ -260,8 +260,8 @@ macro_rules! lists {
                     let List { first, length } = slice(values, n_values)[i];
                     HostValue::Other(Ok(Value::$name($from(slice(first, length)))))
                 };
-                perform(instance, &calls::$set_in_c, |c| {
-                    c.set(Type::$name, slice(references, n), n_values, &given)
+                perform(instance, &calls::$set_in_c, |instance| {
+                    instance.set_of_type(Type::$name, slice(references, n), n_values, &given)
                 })
             })
         }
@@ -279,8 +279,8 @@ unsafe extern "C" fn get_fmu_state(instance: Pointer) -> Values<u8> {
     // SAFETY: the host's promises; the memory is for as many bytes.
     call(instance, || unsafe {
         let mut state = list(&[]);
-        let status = perform(instance, &calls::fmi3GetFMUState, |c| {
-            state = copied(&c.serialize(&c.snapshot()?)?);
+        let status = perform(instance, &calls::fmi3GetFMUState, |instance| {
+            state = copied(&instance.serialize(&instance.snapshot()?)?);
             Ok(())
         });
         answer(status, state)
@@ -291,9 +291,9 @@ unsafe extern "C" fn get_fmu_state(instance: Pointer) -> Values<u8> {
 unsafe extern "C" fn set_fmu_state(instance: Pointer, bytes: *const u8, n: usize) -> fmi3Status {
     // SAFETY: the host's promises.
     call(instance, || unsafe {
-        perform(instance, &calls::fmi3SetFMUState, |c| {
-            let state = c.deserialize(slice(bytes, n))?;
-            c.restore(&state)
+        perform(instance, &calls::fmi3SetFMUState, |instance| {
+            let state = instance.deserialize(slice(bytes, n))?;
+            instance.restore(&state)
         })
     })
 }
@@ -307,7 +307,7 @@ macro_rules! derivatives {
         ) -> Values<f64> {
             // SAFETY: the host's promises.
             unsafe {
-                let n = count(instance, $of, $n_of);
+                let n = number_of_elements(instance, $of, $n_of);
                 values(instance, n, |first, n| {
                     $name(instance, $($arg, $n,)* seed, n_seed, first, n)
                 })
@@ -339,7 +339,7 @@ unsafe extern "C" fn get_output_derivatives(
     // SAFETY: the host's promises.
     unsafe {
         let (references, orders) = orders(pairs, n);
-        let n_values = count(instance, references.as_ptr(), n);
+        let n_values = number_of_elements(instance, references.as_ptr(), n);
         let (references, orders) = (references.as_ptr(), orders.as_ptr());
         values(instance, n_values, |first, n_values| {
             fmi3GetOutputDerivatives(instance, references, n, orders, first, n_values)
@@ -361,8 +361,8 @@ unsafe extern "C" fn set_input_derivatives(
     // SAFETY: the host's promises.
     call(instance, || unsafe {
         let ((references, orders), values) = (orders(pairs, n), slice(values, n_values));
-        perform(instance, &operation, |c| match n == n_values {
-            true => c.set_input_derivatives(&references, &orders, values),
+        perform(instance, &operation, |instance| match n == n_values {
+            true => instance.set_input_derivatives(&references, &orders, values),
             false => refused!("values passed: {n_values}; expected {n}, one for each request"),
         })
     })
