@@ -6,7 +6,7 @@
 
 use crate::hash::{Hash, checksum};
 use crate::scalar::{ScalarVariable, each_variable};
-use crate::table::{Bounds, Constant, Declaration, Dynamics, StartValues, each};
+use crate::table::{Bounds, Constant, Declaration, Dynamics, TypedStart, each};
 use crate::{Causality, Initial, Type, Value, Variability};
 
 /// All that an FMU binary knows of a model's interface.
@@ -31,24 +31,24 @@ pub struct Interface {
     /// The first scalars of all variables, at their value references, as [`scalars`](crate::table::scalars) returns them.
     pub scalars: &'static [ScalarVariable],
     /// Start values that differ from the table.
-    pub overrides: Overrides,
+    pub overrides: StartOverrides,
 }
 
 /// Start values of a variant by value reference, in the text that the exporter passes to the compiler: for
 /// each, `REFERENCE:LENGTH:VALUE`. A value is the bits of a real number as a whole number, a whole number or the
 /// number of an item, 0 or 1, a text, or bytes as hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Overrides(&'static str);
+pub struct StartOverrides(&'static str);
 
 /// A start value of a variant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Override {
+pub struct StartOverride {
     /// The value reference of the variable.
     pub reference: usize,
     text: &'static str,
 }
 
-impl Overrides {
+impl StartOverrides {
     /// No overrides.
     pub const NONE: Self = Self("");
 
@@ -59,7 +59,7 @@ impl Overrides {
 
     /// The name of a variant of the model `base`, and its start values, from the text
     /// `BASE=NAME;OVERRIDES`; `None` if it is a variant of another model.
-    pub const fn of(base: &str, text: &'static str) -> Option<(&'static str, Self)> {
+    pub const fn parse(base: &str, text: &'static str) -> Option<(&'static str, Self)> {
         let (of, rest) = split(text, b'=');
         if Hash::new().bytes(of.as_bytes()).0 != Hash::new().bytes(base.as_bytes()).0 {
             return None;
@@ -69,7 +69,7 @@ impl Overrides {
     }
 
     /// The first override, and those after it.
-    pub const fn next(self) -> Option<(Override, Self)> {
+    pub const fn next(self) -> Option<(StartOverride, Self)> {
         if self.0.is_empty() {
             return None;
         }
@@ -77,11 +77,11 @@ impl Overrides {
         let (length, rest) = split(rest, b':');
         let (text, rest) = cut(rest, number(length, 10) as usize);
         let reference = number(reference, 10) as usize;
-        Some((Override { reference, text }, Self(rest)))
+        Some((StartOverride { reference, text }, Self(rest)))
     }
 
     /// The override of a variable, if there is one.
-    const fn find(mut self, reference: usize) -> Option<Override> {
+    const fn get(mut self, reference: usize) -> Option<StartOverride> {
         while let Some((first, rest)) = self.next() {
             if first.reference == reference {
                 return Some(first);
@@ -92,9 +92,9 @@ impl Overrides {
     }
 }
 
-impl Override {
+impl StartOverride {
     /// The value of a variable of a type.
-    const fn get(self, of_type: Type) -> Constant {
+    const fn constant(self, of_type: Type) -> Constant {
         match of_type {
             Type::Float32 | Type::Float64 => {
                 Constant::Real(f64::from_bits(number(self.text, 10) as u64))
@@ -119,11 +119,11 @@ impl Override {
 
     /// The value of a variable; `None` if its type does not have it.
     pub fn value(self, of_type: Type) -> Option<Value> {
-        self.get(of_type).value(of_type)
+        self.constant(of_type).value(of_type)
     }
 }
 
-/// The text of `BASE=NAME;OVERRIDES` for [`Overrides::of`], from value references and values.
+/// The text of `BASE=NAME;OVERRIDES` for [`StartOverrides::parse`], from value references and values.
 pub fn variant(base: &str, name: &str, overrides: &[(usize, Value)]) -> String {
     let overrides = overrides.iter().map(|(reference, value)| {
         let text = match (value, value.as_real()) {
@@ -185,7 +185,7 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     while let Some((start, rest)) = overrides.next() {
         let of_type = start.of_type(interface.scalars);
         hash = hash.number(start.reference as u64);
-        hash = identify_value(start.get(of_type), hash);
+        hash = identify_value(start.constant(of_type), hash);
         overrides = rest;
     }
     format(hash.0)
@@ -207,12 +207,12 @@ const fn identify(scalar: &ScalarVariable, mut hash: Hash) -> Hash {
         Dynamics::EventIndicator => hash.bytes(&[3]),
     };
     hash = match field.start {
-        StartValues::Float32(_) => hash.bytes(&[0, 1]).text(field.unit),
-        StartValues::Float64(_) => hash.bytes(&[0, 0]).text(field.unit),
-        StartValues::Boolean(_) => hash.bytes(&[2]),
-        StartValues::Enumeration(_, of) => hash.bytes(&[3]).text(of.name),
-        StartValues::String(_) => hash.bytes(&[4]),
-        StartValues::Binary(_) => hash.bytes(&[5]).text(field.mime_type),
+        TypedStart::Float32(_) => hash.bytes(&[0, 1]).text(field.unit),
+        TypedStart::Float64(_) => hash.bytes(&[0, 0]).text(field.unit),
+        TypedStart::Boolean(_) => hash.bytes(&[2]),
+        TypedStart::Enumeration(_, of) => hash.bytes(&[3]).text(of.name),
+        TypedStart::String(_) => hash.bytes(&[4]),
+        TypedStart::Binary(_) => hash.bytes(&[5]).text(field.mime_type),
         _ => hash.bytes(&[1, field.start.of_type() as u8 - Type::Int8 as u8]),
     };
     hash = match field.bounds {
@@ -432,7 +432,7 @@ impl<const N: usize> CopyWriter<N> {
     const fn bounds(&mut self, field: &Declaration) {
         let of_type = field.start.of_type();
         let both = match (field.bounds, field.start) {
-            (Bounds::None, StartValues::Enumeration(_, of)) => of.bounds(),
+            (Bounds::None, TypedStart::Enumeration(_, of)) => of.bounds(),
             (bounds, _) => bounds,
         };
         let (low, high) = of_type.range();
@@ -451,13 +451,13 @@ impl<const N: usize> CopyWriter<N> {
     }
 
     /// Adds the start values; a variant replaces some.
-    const fn start(&mut self, start: &StartValues, reference: usize, overrides: Overrides) {
+    const fn start(&mut self, start: &TypedStart, reference: usize, overrides: StartOverrides) {
         let of_type = start.of_type();
         self.number(start.len() as u128);
         let mut i = 0;
         while i < start.len() {
-            let value = match overrides.find(reference + i) {
-                Some(start) => start.get(of_type),
+            let value = match overrides.get(reference + i) {
+                Some(start) => start.constant(of_type),
                 None => start.get(i),
             };
             self.value(of_type, value);
@@ -465,8 +465,8 @@ impl<const N: usize> CopyWriter<N> {
         }
     }
 
-    const fn declared_type(&mut self, start: &StartValues) {
-        let StartValues::Enumeration(_, of) = start else { return self.raw(&[0]) };
+    const fn declared_type(&mut self, start: &TypedStart) {
+        let TypedStart::Enumeration(_, of) = start else { return self.raw(&[0]) };
         self.raw(&[1]);
         self.text(of.name.as_bytes());
         self.text(of.description.as_bytes());

@@ -46,7 +46,7 @@ pub use embedded::{erase_interfaces, read_interfaces};
 #[cfg(feature = "xml")]
 pub use exported::ExportedModel;
 pub use fmi_abi::FmiVersion;
-pub use interface::{Interface, Overrides};
+pub use interface::{Interface, StartOverrides};
 #[cfg(feature = "xml")]
 pub use model::{ModelDescription, Unknown, XmlVariable};
 pub use scalar::ScalarVariable;

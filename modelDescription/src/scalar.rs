@@ -2,7 +2,7 @@
 
 use crate::hash::Hash;
 use crate::table::{
-    Bounds, Constant, Declaration, Dynamics, MAX_DEPTH, StartValues, TableRow, each,
+    Bounds, Constant, Declaration, Dynamics, MAX_DEPTH, TableRow, TypedStart, each,
 };
 use crate::{Causality, Variability};
 
@@ -42,7 +42,7 @@ impl ScalarVariable {
     /// Offset of an `f64` in the outermost struct in bytes; `None` if it has another type.
     pub const fn offset_of_real(&self) -> Option<usize> {
         match self.variable.start {
-            StartValues::Float64(_) => Some(self.absolute_offset()),
+            TypedStart::Float64(_) => Some(self.absolute_offset()),
             _ => None,
         }
     }
@@ -50,9 +50,7 @@ impl ScalarVariable {
     /// Offset of a structural parameter, a `u64`, in the outermost struct in bytes.
     pub const fn offset_of_size(&self) -> Option<usize> {
         match (self.variable.causality, self.variable.start) {
-            (Causality::StructuralParameter, StartValues::UInt64(_)) => {
-                Some(self.absolute_offset())
-            }
+            (Causality::StructuralParameter, TypedStart::UInt64(_)) => Some(self.absolute_offset()),
             _ => None,
         }
     }
@@ -203,7 +201,7 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariab
         variability: Variability::Continuous,
         dimensions: &[],
         size: "",
-        start: StartValues::Boolean(&[]),
+        start: TypedStart::Boolean(&[]),
         bounds: Bounds::None,
         unit: "",
         mime_type: "",

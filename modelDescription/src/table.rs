@@ -62,7 +62,7 @@ pub struct Declaration {
     /// first ones of an array; empty if all are.
     pub size: &'static str,
     /// Type and start values.
-    pub start: StartValues,
+    pub start: TypedStart,
     /// The values that it may have.
     pub bounds: Bounds,
     /// Unit of the start values and the bounds; empty if it has none. See [`Unit`](crate::Unit).
@@ -189,7 +189,7 @@ macro_rules! starts {
         /// calculates the initial value.
         #[derive(Debug, Clone, Copy)]
         #[allow(missing_docs, reason = "the types of FMI 3.0")]
-        pub enum StartValues {
+        pub enum TypedStart {
             $($real(&'static [$real_type]),)*
             $($whole(&'static [$whole_type]),)*
             Boolean(&'static [bool]),
@@ -199,7 +199,7 @@ macro_rules! starts {
             Enumeration(&'static [i32], &'static Enumeration),
         }
 
-        impl StartValues {
+        impl TypedStart {
             /// The type.
             pub const fn of_type(&self) -> Type {
                 match self {
@@ -246,7 +246,7 @@ macro_rules! starts {
 }
 crate::types!(starts!);
 
-impl StartValues {
+impl TypedStart {
     /// Whether the model calculates the initial value.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0

@@ -13,7 +13,7 @@ use crate::table::{AnyChoice, Enumeration, TableRow};
 ///
 /// # Safety
 /// The table has the offsets of the fields: the derive macros take them from the compiler. At the
-/// offset of a variable is a value of the type that its [`StartValues`](crate::table::StartValues) have, or an array of them: an `f64` for a
+/// offset of a variable is a value of the type that its [`TypedStart`](crate::table::TypedStart) have, or an array of them: an `f64` for a
 /// `Float64`, a `String` for a `String`, and a value of the enum for an `Enumeration`.
 #[allow(unsafe_code, reason = "a promise of the derive macros; it has no unsafe functions")]
 #[diagnostic::on_unimplemented(

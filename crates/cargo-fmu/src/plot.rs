@@ -51,7 +51,7 @@ impl Page {
             bail!("there is no folder {} for the page", folder.display());
         }
         ensure!(!page.is_dir(), "{} is a folder, expected a page", page.display());
-        Replacement::of(page).map(drop)
+        Replacement::new(page).map(drop)
     }
 
     /// Draws files with the rows of runs over each other; each file has the name of its run.

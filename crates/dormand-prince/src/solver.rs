@@ -22,7 +22,7 @@ const MIN_TOLERANCE: f64 = 1e-12;
 const RESTART: f64 = 1e4;
 
 /// An error of a system, or of the integration.
-pub trait Failure: Sized {
+pub trait SolverError: Sized {
     /// The step cannot be computed: it takes too many internal steps or events, or too short ones.
     fn discard(reason: Arguments<'_>) -> Self;
     /// Whether shorter internal steps may succeed.
@@ -32,9 +32,9 @@ pub trait Failure: Sized {
 }
 
 /// What is integrated. Times are in s.
-pub trait System {
+pub trait OdeSystem {
     /// Why a call has failed.
-    type Error: Failure;
+    type Error: SolverError;
     /// The order of magnitude of a state.
     fn nominal(&self, state: usize) -> f64;
     /// Reads the states.
@@ -152,25 +152,25 @@ impl Workspace {
 ///
 /// # Errors
 /// Those of the system, and a discarded step, if it would take too many internal steps or events.
-pub fn advance<E: Failure>(
-    system: &mut dyn System<Error = E>,
+pub fn advance<E: SolverError>(
+    system: &mut dyn OdeSystem<Error = E>,
     workspace: &mut Workspace,
     step: &Step,
 ) -> Result<Advanced, E> {
-    let mut run = Run::new(system, workspace, step);
+    let mut run = Integration::new(system, workspace, step);
     run.begin()?;
     while let Some((end, event)) = run.next_event() {
         run.integrate(end)?;
-        run.event(event, Cause::Time)?;
+        run.event(event, EventCause::Time)?;
     }
     run.integrate(step.size)?;
-    let Run { reached, handled, has_event, restarts, .. } = run;
+    let Integration { reached, handled, has_event, restarts, .. } = run;
     Ok(Advanced { reached, handled, has_event, restarts })
 }
 
 /// A step that is being taken. Times are relative to its start, unless they are called absolute.
-struct Run<'a, E> {
-    system: &'a mut dyn System<Error = E>,
+struct Integration<'a, E> {
+    system: &'a mut dyn OdeSystem<Error = E>,
     w: &'a mut Workspace,
     step: &'a Step,
     reached: f64,
@@ -191,7 +191,7 @@ struct Run<'a, E> {
 
 /// What causes an event.
 #[derive(Clone, Copy, PartialEq)]
-enum Cause {
+enum EventCause {
     /// The caller, at the beginning of the step.
     Inputs,
     /// The time is reached.
@@ -210,8 +210,8 @@ enum Trial<E> {
     Discarded(E),
 }
 
-impl<'a, E: Failure> Run<'a, E> {
-    fn new(system: &'a mut dyn System<Error = E>, w: &'a mut Workspace, step: &'a Step) -> Self {
+impl<'a, E: SolverError> Integration<'a, E> {
+    fn new(system: &'a mut dyn OdeSystem<Error = E>, w: &'a mut Workspace, step: &'a Step) -> Self {
         Self {
             system,
             w,
@@ -237,13 +237,13 @@ impl<'a, E: Failure> Run<'a, E> {
         // The indicators have the values of the last evaluation, at the end of the step before.
         self.keep_signs();
         if let Some(time) = self.step.event {
-            return self.event(time, Cause::Inputs);
+            return self.event(time, EventCause::Inputs);
         }
         self.evaluate_here()?;
         let has_crossed = self.has_crossed();
         self.keep_signs();
         if has_crossed && self.step.events == Events::Here {
-            return self.event(self.now(), Cause::Inputs);
+            return self.event(self.now(), EventCause::Inputs);
         }
         self.has_event = has_crossed;
         self.shorten_first_step();
@@ -348,7 +348,7 @@ impl<'a, E: Failure> Run<'a, E> {
                     self.size = h * factor(error);
                     self.accept(to);
                     return match self.system.completed(self.now())? {
-                        true => self.event(self.now(), Cause::Step),
+                        true => self.event(self.now(), EventCause::Step),
                         false => Ok(()),
                     };
                 }
@@ -410,7 +410,7 @@ impl<'a, E: Failure> Run<'a, E> {
             (self.has_event, self.restarts) = (true, true);
             return Ok(None);
         }
-        self.event(self.now(), Cause::State)?;
+        self.event(self.now(), EventCause::State)?;
         Ok(None)
     }
 
@@ -441,7 +441,7 @@ impl<'a, E: Failure> Run<'a, E> {
     }
 
     /// Handles an event at an absolute time.
-    fn event(&mut self, time: f64, cause: Cause) -> Result<(), E> {
+    fn event(&mut self, time: f64, cause: EventCause) -> Result<(), E> {
         self.count_event()?;
         let handled = self.system.event(time);
         handled
@@ -453,15 +453,15 @@ impl<'a, E: Failure> Run<'a, E> {
         self.evaluate_here()?;
         let has_crossed = self.has_crossed();
         self.keep_signs();
-        let is_continued = matches!(cause, Cause::Time | Cause::Step) && !has_crossed;
+        let is_continued = matches!(cause, EventCause::Time | EventCause::Step) && !has_crossed;
         if is_continued && self.w.states == self.w.point && self.w.slopes[0] == self.w.slopes[1] {
             return Ok(()); // nothing has changed for the solver
         }
         self.size = 0.0;
         self.restarts = match cause {
-            Cause::State => true,
-            Cause::Step => has_crossed,
-            Cause::Inputs | Cause::Time => has_crossed || self.is_at_zero(),
+            EventCause::State => true,
+            EventCause::Step => has_crossed,
+            EventCause::Inputs | EventCause::Time => has_crossed || self.is_at_zero(),
         };
         self.shorten_first_step();
         Ok(())
@@ -582,7 +582,7 @@ mod tests {
         is_discarded: bool,
     }
 
-    impl Failure for Reason {
+    impl SolverError for Reason {
         fn discard(reason: Arguments<'_>) -> Self {
             Self { text: reason.to_string(), is_discarded: true }
         }
@@ -613,7 +613,7 @@ mod tests {
         events: Vec<f64>,
     }
 
-    impl<const N: usize> System for Equations<N> {
+    impl<const N: usize> OdeSystem for Equations<N> {
         type Error = Reason;
 
         fn nominal(&self, _state: usize) -> f64 {
@@ -743,7 +743,8 @@ mod tests {
         let error = |h: f64| {
             let (mut oscillator, mut w) = (oscillator(), Workspace::new(2, 0));
             let step = Step { size: h, tolerance: 1.0, ..STEP };
-            let mut run = Run { size: h, ..Run::new(&mut oscillator, &mut w, &step) };
+            let mut run =
+                Integration { size: h, ..Integration::new(&mut oscillator, &mut w, &step) };
             run.begin().unwrap();
             run.try_step(h, h).ok().unwrap();
             let [start, within, end] = [0.0, 0.3, 1.0].map(|fraction| {

@@ -17,7 +17,7 @@
 //!
 //! The first group of rows, `Free`, has the functions that have no instance, or are more than a call of one;
 //! all their arguments and results are listed. The other groups are named like the variants of
-//! [`Group`]. Functions in them have an instance as first argument, which is not listed, and return a
+//! [`FunctionGroup`]. Functions in them have an instance as first argument, which is not listed, and return a
 //! status. An argument is one of these:
 //!
 //! | in the row | means | in C |
@@ -77,12 +77,12 @@ macro_rules! define {
         /// Each function that is a call of an instance, under its name.
         pub mod calls {
             use $crate::state::*;
-            use $crate::{Call, Group};
+            use $crate::{Call, FunctionGroup};
 
             $($(
                 pub const $name: Call = Call {
                     name: stringify!($name),
-                    group: Group::$group,
+                    group: FunctionGroup::$group,
                     states: $($states)|+,
                 };
             )*)*
@@ -172,7 +172,7 @@ impl InterfaceType {
 /// A group of rows: the interface types that have its functions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names of the standard")]
-pub enum Group {
+pub enum FunctionGroup {
     All,
     ModelExchange,
     CoSimulation,
@@ -185,7 +185,7 @@ pub struct Call {
     /// Its name in C.
     pub name: &'static str,
     /// The interface types that have it.
-    pub group: Group,
+    pub group: FunctionGroup,
     /// A set of states; see [`state`].
     pub states: u16,
 }
@@ -193,7 +193,7 @@ pub struct Call {
 impl Call {
     /// A function that no state forbids.
     const fn free(name: &'static str) -> Self {
-        Self { name, group: Group::All, states: u16::MAX }
+        Self { name, group: FunctionGroup::All, states: u16::MAX }
     }
 
     /// Whether the function is allowed in a state.

@@ -12,7 +12,7 @@ use crate::library::ModelLibrary;
 use crate::model::BuiltModel;
 
 /// A shared library for one or more platforms.
-pub struct Binary<'a> {
+pub struct PlatformBinary<'a> {
     /// What it was built from, or its file if it was built before.
     pub source: BinarySource<'a>,
     pub platforms: Vec<Platform>,
@@ -28,7 +28,7 @@ pub enum BinarySource<'a> {
     File(&'a Path),
 }
 
-impl<'a> Binary<'a> {
+impl<'a> PlatformBinary<'a> {
     /// Reads a prebuilt binary.
     pub fn read(prebuilt: &'a Prebuilt, version: FmiVersion) -> Result<Self> {
         let file = prebuilt.file.display();
@@ -77,7 +77,7 @@ impl<'a> Binary<'a> {
 }
 
 /// Leaves the platforms of prebuilt binaries to them.
-pub fn drop_replaced(built: &mut Vec<Binary<'_>>, prebuilt: &[Binary<'_>]) {
+pub fn drop_replaced(built: &mut Vec<PlatformBinary<'_>>, prebuilt: &[PlatformBinary<'_>]) {
     let taken = Vec::from_iter(prebuilt.iter().flat_map(|binary| &binary.platforms));
     built.retain_mut(|binary| {
         binary.platforms.retain(|platform| !taken.contains(&platform));
@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn a_prebuilt_binary_replaces_another_in_its_folder_only() {
         let arm = Platform::of_target("aarch64-apple-darwin", FmiVersion::Fmi2).unwrap();
-        let binary = |platforms: &[Platform]| Binary {
+        let binary = |platforms: &[Platform]| PlatformBinary {
             source: BinarySource::File(Path::new("")),
             platforms: platforms.to_vec(),
             bytes: Vec::new(),

@@ -55,7 +55,7 @@ pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<[Vec<Strin
 
 /// What happens during an export, as text.
 #[derive(Debug, Clone, Copy)]
-pub enum Progress<'a> {
+pub enum BuildProgress<'a> {
     /// A library is being built.
     Building(&'a str),
     /// A crate that the library needs was built.
@@ -135,7 +135,7 @@ impl Build {
         &mut self,
         target: &str,
         extension: &str,
-        progress: &dyn Fn(Progress<'_>),
+        progress: &dyn Fn(BuildProgress<'_>),
     ) -> Result<PathBuf> {
         let mut child = self
             .command
@@ -155,14 +155,14 @@ impl Build {
             let _ = BufReader::new(stderr).read_to_string(&mut text);
             text
         });
-        progress(Progress::Building(&self.title));
+        progress(BuildProgress::Building(&self.title));
         let mut artifacts = Vec::new();
         for message in Message::parse_stream(BufReader::new(stdout)) {
             if let Message::CompilerArtifact(artifact) =
                 message.context("cannot read the output of cargo")?
             {
                 let built = format!("{}: {}", self.title, artifact.target.name);
-                progress(Progress::Built(&built));
+                progress(BuildProgress::Built(&built));
                 artifacts.push(artifact);
             }
         }
@@ -172,7 +172,7 @@ impl Build {
             bail!("{} failed:\n{}", self.title, diagnostics.trim_end());
         }
         if !diagnostics.trim().is_empty() {
-            progress(Progress::Said(diagnostics.trim_end()));
+            progress(BuildProgress::Said(diagnostics.trim_end()));
         }
         let is_library = |artifact: &&Artifact| {
             let built = &artifact.target;

@@ -17,12 +17,12 @@ use fmu_file::platform::TARGET_WASM;
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::binary::{Binary, BinarySource, check_functions, drop_replaced};
-use crate::cargo::{self, Progress, profile_settings, remap};
+use crate::binary::{BinarySource, PlatformBinary, check_functions, drop_replaced};
+use crate::cargo::{self, BuildProgress, profile_settings, remap};
 use crate::contents;
 use crate::library::{ModelLibrary, Selection};
 use crate::model::{self, BuiltModel, Variant};
-use crate::toolchain::{self, Recipe, Target, WasmDraft};
+use crate::toolchain::{self, BuildTarget, Recipe, WasmDraft};
 use crate::universal::join_mach_o;
 
 /// What to export, and for which platforms; the options of `cargo fmu export`.
@@ -86,7 +86,7 @@ pub struct ExportedFmu {
 /// cannot be read or written.
 pub fn export(
     options: &ExportOptions,
-    progress: &dyn Fn(Progress<'_>),
+    progress: &dyn Fn(BuildProgress<'_>),
 ) -> Result<Vec<ExportedFmu>> {
     let metadata = options.selection.metadata()?;
     let out = match &options.out {
@@ -119,11 +119,11 @@ pub fn export(
         })
     });
     let builders = builders.collect::<Result<Vec<_>>>()?;
-    cargo::warning().iter().for_each(|warning| progress(Progress::Said(warning)));
+    cargo::warning().iter().for_each(|warning| progress(BuildProgress::Said(warning)));
     let targets = builders.iter().take(1).flat_map(|b| &b.targets);
     let recipes = targets.flat_map(|target| &target.recipes);
     for recipe in recipes.filter(|recipe| recipe.is_named()) {
-        progress(Progress::Said(&recipe.to_string()));
+        progress(BuildProgress::Said(&recipe.to_string()));
     }
     // No FMU is written before all are complete.
     let mut fmus = Vec::new();
@@ -146,10 +146,10 @@ struct Builder<'a> {
     /// Settings of the profile that the workspace does not make itself, for libraries and components.
     profile: &'a [Vec<String>; 2],
     version: FmiVersion,
-    targets: Vec<Target>,
-    prebuilt: Vec<Binary<'a>>,
+    targets: Vec<BuildTarget>,
+    prebuilt: Vec<PlatformBinary<'a>>,
     /// Receives what is being built.
-    progress: &'a dyn Fn(Progress<'_>),
+    progress: &'a dyn Fn(BuildProgress<'_>),
 }
 
 /// The folder of the draft of a layered standard that says what WebAssembly FMUs are.
@@ -173,12 +173,12 @@ impl<'a> Builder<'a> {
             let omitted = model::omitted(&model.description, self.version, variant, may_omit)?;
             if let Some(names) = omitted {
                 let said = format!("{} leaves out {names}", model.file_name());
-                (self.progress)(Progress::Said(&said));
+                (self.progress)(BuildProgress::Said(&said));
             }
             for reason in &model.warnings {
                 let said =
                     format!("warning: {}: {reason}, expected another name", model.file_name());
-                (self.progress)(Progress::Said(&said));
+                (self.progress)(BuildProgress::Said(&said));
             }
             for binary in built.iter().chain(&self.prebuilt) {
                 binary.check_model(model)?;
@@ -200,13 +200,13 @@ impl<'a> Builder<'a> {
     }
 
     /// Builds libraries until all requested models are found; all libraries, if none is named.
-    fn build(&self, libraries: &'a [ModelLibrary]) -> Result<Vec<Binary<'a>>> {
+    fn build(&self, libraries: &'a [ModelLibrary]) -> Result<Vec<PlatformBinary<'a>>> {
         let names = &self.options.models;
         let mut order: Vec<_> = libraries.iter().collect();
         if !names.is_empty() {
             order.sort_by_key(|library| !library.mentions(names));
         }
-        let mut built: Vec<Binary<'a>> = Vec::new();
+        let mut built: Vec<PlatformBinary<'a>> = Vec::new();
         for library in order {
             let is_found = |name: &String| built.iter().any(|b| b.model(name).is_some());
             if !names.is_empty() && names.iter().all(is_found) {
@@ -222,7 +222,7 @@ impl<'a> Builder<'a> {
         &self,
         library: &'a ModelLibrary,
         variant: Option<&str>,
-    ) -> Result<Vec<Binary<'a>>> {
+    ) -> Result<Vec<PlatformBinary<'a>>> {
         let unusable = || format!("the library of {} cannot be used", library.package);
         self.targets
             .iter()
@@ -248,7 +248,7 @@ impl<'a> Builder<'a> {
                     library.folder.join("src/lib.rs").display()
                 );
                 check_functions(&bytes, self.version).with_context(unusable)?;
-                Ok(Binary {
+                Ok(PlatformBinary {
                     source: BinarySource::Library(library),
                     platforms: target.platforms.clone(),
                     bytes,
@@ -295,7 +295,7 @@ impl<'a> Builder<'a> {
     }
 
     /// The models with the requested names, or all.
-    fn requested_models(&self, built: &[Binary<'a>]) -> Result<Vec<BuiltModel<'a>>> {
+    fn requested_models(&self, built: &[PlatformBinary<'a>]) -> Result<Vec<BuiltModel<'a>>> {
         let mut all: Vec<(&ModelLibrary, &ExportedModel)> = Vec::new();
         for binary in built {
             let BinarySource::Library(library) = binary.source else { continue };
@@ -332,8 +332,8 @@ impl<'a> Builder<'a> {
     fn build_variant(
         &self,
         models: &[BuiltModel<'a>],
-        built: &[Binary<'_>],
-    ) -> Result<(Vec<Binary<'a>>, Vec<BuiltModel<'a>>)> {
+        built: &[PlatformBinary<'_>],
+    ) -> Result<(Vec<PlatformBinary<'a>>, Vec<BuiltModel<'a>>)> {
         let variant = &self.options.variant;
         let [model] = models else {
             bail!("--name and --set need one model, but {} are exported", models.len());
@@ -359,7 +359,7 @@ impl<'a> Builder<'a> {
     fn pack(
         &self,
         model: &BuiltModel<'_>,
-        packed: &[(&Binary<'_>, Packed)],
+        packed: &[(&PlatformBinary<'_>, Packed)],
     ) -> Result<(ExportedFmu, Vec<u8>)> {
         let xml = Packed::text(model.xml.as_bytes())?;
         let contents = contents::files(model, self.metadata)?;
@@ -407,25 +407,25 @@ fn lock(target: &Path) -> Result<File> {
 }
 
 /// The targets to build for: the requested ones, else this machine.
-fn targets(options: &ExportOptions, version: FmiVersion) -> Result<Vec<Target>> {
+fn targets(options: &ExportOptions, version: FmiVersion) -> Result<Vec<BuildTarget>> {
     let mut names = options.targets.clone();
     if options.portable {
         names.insert(0, toolchain::portable()?);
     }
     check_platforms(options, &names, version)?;
     if names.is_empty() {
-        return Ok(vec![Target::of_this_machine(version)?]);
+        return Ok(vec![BuildTarget::of_this_machine(version)?]);
     }
-    let targets = names.iter().map(|name| Target::named(name, version));
+    let targets = names.iter().map(|name| BuildTarget::named(name, version));
     targets.collect()
 }
 
 /// The prebuilt binaries in the folders of a version of FMI.
-fn prebuilt(options: &ExportOptions, version: FmiVersion) -> Result<Vec<Binary<'_>>> {
+fn prebuilt(options: &ExportOptions, version: FmiVersion) -> Result<Vec<PlatformBinary<'_>>> {
     let binaries = options.binaries.iter();
     binaries
         .filter(|prebuilt| prebuilt.platform.is_of(version))
-        .map(|prebuilt| Binary::read(prebuilt, version))
+        .map(|prebuilt| PlatformBinary::read(prebuilt, version))
         .collect()
 }
 

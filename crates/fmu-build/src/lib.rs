@@ -19,7 +19,7 @@ mod universal;
 
 pub use fmu_description::FmiVersion;
 
-pub use cargo::Progress;
+pub use cargo::BuildProgress;
 pub use export::{ExportOptions, ExportedFmu, export};
 pub use library::Selection;
 pub use model::Variant;

@@ -37,7 +37,7 @@ pub enum WasmDraft {
 }
 
 /// A build target, for one or more platforms of an FMU.
-pub struct Target {
+pub struct BuildTarget {
     /// The platforms of its binary.
     pub platforms: Vec<Platform>,
     /// How its binary is built: one recipe, or two whose binaries are joined.
@@ -55,7 +55,7 @@ pub struct Recipe {
     by_zig: bool,
 }
 
-impl Target {
+impl BuildTarget {
     /// The target of this machine, which only needs a Rust toolchain.
     ///
     /// # Errors

@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-use fmi_abi::{Group, fmi3};
+use fmi_abi::{FunctionGroup, fmi3};
 use fmu_description::xml::{self, Element};
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{self, Archive};
@@ -175,7 +175,7 @@ impl<'a> Files<'a> {
             let instantiates = function.name.strip_prefix("fmi3Instantiate");
             match (instantiates, function.group) {
                 (Some(interface), _) => is_of(interface),
-                (None, Group::All) => true,
+                (None, FunctionGroup::All) => true,
                 (None, group) => is_of(&format!("{group:?}")),
             }
         });

@@ -321,11 +321,11 @@ impl Field {
         let (krate, values) = (&self.krate, self.values());
         if self.of_type == FmiType::Enumeration {
             let items = self.choice_item(&quote!(ENUMERATION));
-            return quote!(#krate::StartValues::Enumeration(#values, &#items));
+            return quote!(#krate::TypedStart::Enumeration(#values, &#items));
         }
         let place = self.options.expression("start").map_or(self.span(), Spanned::span);
         let of_type = Ident::new(self.of_type.as_str(), place);
-        respan(place, quote!(#krate::StartValues::#of_type(#values)))
+        respan(place, quote!(#krate::TypedStart::#of_type(#values)))
     }
 
     /// Checks of the start values and the bounds of a number in the table of its struct, which the compiler makes.

@@ -5,7 +5,7 @@ use std::any::Any;
 use dormand_prince::solver::{Advanced, Step, Workspace};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::{
-    Causality, Dynamics, Overrides, StateError, StateReader, StateWriter, Value,
+    Causality, Dynamics, StartOverrides, StateError, StateReader, StateWriter, Value,
 };
 
 use crate::error::ModelError;
@@ -61,7 +61,7 @@ impl dyn AnyModel {
     }
 
     /// Sets the start values of a variant. Returns whether it uses fewer elements of an array than the table.
-    fn override_starts(&mut self, mut overrides: Overrides) -> bool {
+    fn override_starts(&mut self, mut overrides: StartOverrides) -> bool {
         while let Some((start, rest)) = overrides.next() {
             if let Some(scalar) = self.scalar_at(start.reference as u32)
                 && let Some(value) = start.value(scalar.variable.start.of_type())
@@ -245,12 +245,12 @@ pub(crate) enum SolverVector {
 /// The start values of a variant, and the function that sets them, which other binaries need not contain.
 #[derive(Clone, Copy)]
 pub(crate) struct VariantStarts {
-    overrides: Overrides,
-    set: fn(&mut dyn AnyModel, Overrides) -> bool,
+    overrides: StartOverrides,
+    set: fn(&mut dyn AnyModel, StartOverrides) -> bool,
 }
 
 impl VariantStarts {
-    pub(crate) const fn new(overrides: Overrides) -> Option<Self> {
+    pub(crate) const fn new(overrides: StartOverrides) -> Option<Self> {
         match overrides.is_empty() {
             true => None,
             false => Some(Self { overrides, set: <dyn AnyModel>::override_starts }),

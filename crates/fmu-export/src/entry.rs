@@ -6,7 +6,7 @@ use fmi_abi::FmiVersion;
 use fmu_description::checks::check;
 use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
-use fmu_description::{Interface, Overrides};
+use fmu_description::{Interface, StartOverrides};
 
 use crate::any_model::VariantStarts;
 use crate::fast;
@@ -31,17 +31,17 @@ pub struct Entry {
 }
 
 /// The interface of the model `M` with `N` scalar variables, or of a variant of it; see
-/// [`Overrides::of`]. An invalid table fails the compilation here.
+/// [`StartOverrides::parse`]. An invalid table fails the compilation here.
 pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) -> Interface {
     let scalars = LaidOut::<M, N>::ROWS;
     check(scalars, M::IS_INTEGRATED);
     let variant = match variant {
-        Some(text) => Overrides::of(M::NAME, text),
+        Some(text) => StartOverrides::parse(M::NAME, text),
         None => None,
     };
     let (name, overrides) = match variant {
         Some((name, overrides)) => (name, overrides),
-        None => (M::NAME, Overrides::NONE),
+        None => (M::NAME, StartOverrides::NONE),
     };
     Interface {
         name,

@@ -137,7 +137,7 @@ get_numbers! {
 /// The equations of a model, as the solver sees them.
 pub(crate) struct Equations<'a>(pub(crate) &'a mut (dyn AnyModel + 'static));
 
-impl solver::System for Equations<'_> {
+impl solver::OdeSystem for Equations<'_> {
     type Error = ModelError;
 
     fn nominal(&self, state: usize) -> f64 {

@@ -2,7 +2,7 @@
 
 use std::fmt::{Arguments, Display};
 
-use dormand_prince::solver::Failure;
+use dormand_prince::solver::SolverError;
 
 /// An error of a model, with a message for the user.
 ///
@@ -88,7 +88,7 @@ impl ModelError {
     }
 }
 
-impl Failure for ModelError {
+impl SolverError for ModelError {
     fn discard(reason: Arguments<'_>) -> Self {
         Self::discard(reason)
     }

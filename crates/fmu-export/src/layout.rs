@@ -3,7 +3,7 @@
 
 use fmu_description::hash::Hash;
 use fmu_description::scalar::{self, ScalarVariable};
-use fmu_description::table::{Bounds, Declaration, StartValues, TableRow};
+use fmu_description::table::{Bounds, Declaration, TableRow, TypedStart};
 use fmu_description::{Causality, Dynamics, Value, Variability};
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
@@ -378,8 +378,8 @@ macro_rules! access {
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(StartValues::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*)*
-                    StartValues::Enumeration(_, of) => Value::Enumeration((*(of.item)(place)).get().into()),
+                    $($(TypedStart::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*)*
+                    TypedStart::Enumeration(_, of) => Value::Enumeration((*(of.item)(place)).get().into()),
                 }
             }
         }
@@ -392,8 +392,8 @@ macro_rules! access {
             // SAFETY: the caller's promise.
             unsafe {
                 match (field.start, value) {
-                    $($((StartValues::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*)*
-                    (StartValues::Enumeration(_, of), Value::Enumeration(item)) => {
+                    $($((TypedStart::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*)*
+                    (TypedStart::Enumeration(_, of), Value::Enumeration(item)) => {
                         (*(of.item)(place)).set(item as i32);
                     }
                     _ => {}
@@ -410,10 +410,10 @@ macro_rules! access {
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(StartValues::$name(values) => for i in elements {
+                    $($(TypedStart::$name(values) => for i in elements {
                         *place.cast::<$type>().add(i) = values[i].to_owned();
                     },)*)*
-                    StartValues::Enumeration(values, of) => for i in elements {
+                    TypedStart::Enumeration(values, of) => for i in elements {
                         (*(of.item)(place.byte_add(i * of.size))).set(values[i]);
                     },
                 }
@@ -429,10 +429,10 @@ macro_rules! access {
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(StartValues::$name(_) => for i in elements {
+                    $($(TypedStart::$name(_) => for i in elements {
                         hash = (*place.cast::<$type>().add(i)).add_to(hash);
                     },)*)*
-                    StartValues::Enumeration(_, of) => for i in elements {
+                    TypedStart::Enumeration(_, of) => for i in elements {
                         hash = (*(of.item)(place.byte_add(i * of.size))).get().add_to(hash);
                     },
                 }
@@ -449,10 +449,10 @@ macro_rules! access {
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $($(StartValues::$name(_) => for i in elements {
+                    $($(TypedStart::$name(_) => for i in elements {
                         (*to.cast::<$type>().add(i)).clone_from(&*from.cast::<$type>().add(i));
                     },)*)*
-                    StartValues::Enumeration(_, of) => for i in elements {
+                    TypedStart::Enumeration(_, of) => for i in elements {
                         let item = (*(of.item)(from.byte_add(i * of.size))).get();
                         (*(of.item)(to.byte_add(i * of.size))).set(item);
                     },

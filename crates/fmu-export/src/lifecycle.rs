@@ -1,7 +1,7 @@
 //! The lifecycle of an instance, and the steps it may take.
 
 use fmi_abi::state::State;
-use fmi_abi::{Call, Group};
+use fmi_abi::{Call, FunctionGroup};
 use fmu_description::LogCategory;
 
 use crate::clock::SampleClock;
@@ -52,13 +52,13 @@ impl InstanceType {
     /// Why an instance of this type does not have a function; `None` if it does.
     pub(crate) fn lacks(self, call: &Call) -> Option<&'static str> {
         match (call.group, self) {
-            (Group::CoSimulation, Self::ModelExchange) => {
+            (FunctionGroup::CoSimulation, Self::ModelExchange) => {
                 Some("it is a function of co-simulation, but the instance is for model exchange")
             }
-            (Group::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
+            (FunctionGroup::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
                 Some("it is a function of model exchange, but the instance is for co-simulation")
             }
-            (Group::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
+            (FunctionGroup::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
                 Some("the instance was created without event mode: eventModeUsed was false")
             }
             _ => None,

@@ -34,7 +34,7 @@ pub struct Merged {
 }
 
 /// An FMU to merge.
-struct Fmu {
+struct Candidate {
     path: PathBuf,
     archive: Archive,
     description: String,
@@ -43,9 +43,9 @@ struct Fmu {
 /// The source of a file: the index of the FMU, and the index of the file in it.
 type Source = (usize, usize);
 
-/// The parts of an FMU, in the order in which `cargo fmu export` writes them.
+/// The sections of an FMU, in the order in which `cargo fmu export` writes them.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
-enum Part {
+enum Section {
     ModelDescription,
     Binaries,
     Rest,
@@ -58,7 +58,7 @@ enum Part {
 pub fn merge(files: &[PathBuf], out: &Path) -> Result<Merged> {
     ensure!(files.len() > 1, "got {} FMU, expected two or more", files.len());
     let mut notes = Vec::new();
-    let mut fmus = files.iter().map(|path| Fmu::open(path)).collect::<Result<Vec<_>>>()?;
+    let mut fmus = files.iter().map(|path| Candidate::open(path)).collect::<Result<Vec<_>>>()?;
     for other in &fmus[1..] {
         check_same_model(&fmus[0], other, &mut notes)?;
     }
@@ -77,7 +77,7 @@ pub fn merge(files: &[PathBuf], out: &Path) -> Result<Merged> {
     })
 }
 
-impl Fmu {
+impl Candidate {
     fn open(path: &Path) -> Result<Self> {
         let read = || {
             let mut archive = Archive::open_sound(path)?;
@@ -107,7 +107,7 @@ fn root(description: &str) -> Result<Element<'_>> {
 // --- files ----------------------------------------------------------------------------------------
 
 /// The sources of each file, by part. Sorted, so that the order of the FMUs does not matter.
-fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
+fn sources(fmus: &[Candidate]) -> BTreeMap<(Section, String), Vec<Source>> {
     let mut files = BTreeMap::<_, Vec<_>>::new();
     for (number, fmu) in fmus.iter().enumerate() {
         for (index, name) in fmu.archive.names.iter().enumerate() {
@@ -116,9 +116,9 @@ fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
             let part = match name.as_str() {
                 // An entry for the FMU itself.
                 "" => continue,
-                MODEL_DESCRIPTION => Part::ModelDescription,
-                _ if folded.starts_with("binaries/") => Part::Binaries,
-                _ => Part::Rest,
+                MODEL_DESCRIPTION => Section::ModelDescription,
+                _ if folded.starts_with("binaries/") => Section::Binaries,
+                _ => Section::Rest,
             };
             let sources = files.entry((part, folded)).or_default();
             sources.push((number, index));
@@ -130,7 +130,7 @@ fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
 /// Chooses among the files of one name: the one from the first FMU that has it.
 fn choose(
     sources: &[Source],
-    fmus: &mut [Fmu],
+    fmus: &mut [Candidate],
     notes: &mut Vec<String>,
 ) -> Result<(String, Packed)> {
     let (first, index) = sources[0];
@@ -172,14 +172,14 @@ fn is_documentation(name: &str) -> bool {
 }
 
 /// A note on a harmless difference, and which FMU was used.
-fn note(what: &str, fmu: &Fmu) -> String {
+fn note(what: &str, fmu: &Candidate) -> String {
     format!("{what}; kept the one from {}", fmu.path.display())
 }
 
 // --- model descriptions ---------------------------------------------------------------------------
 
 /// Checks that two model descriptions agree, and notes harmless differences.
-fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result<()> {
+fn check_same_model(first: &Candidate, other: &Candidate, notes: &mut Vec<String>) -> Result<()> {
     let (left, right) = (root(&first.description)?, root(&other.description)?);
     let mut differences = Vec::new();
     compare("", &left, &right, &mut differences);

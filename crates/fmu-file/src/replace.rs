@@ -14,12 +14,12 @@ use tempfile::{Builder, NamedTempFile};
 /// it leaves nothing behind.
 pub struct Replacement {
     path: PathBuf,
-    target: Target,
+    target: Destination,
 }
 
-enum Target {
+enum Destination {
     /// A temporary file that is listed while it exists.
-    Temporary(NamedTempFile, Listed),
+    Temporary(NamedTempFile, UnfinishedFile),
     /// A device, a pipe or a file without a path, which cannot be replaced.
     Device(File),
 }
@@ -30,22 +30,24 @@ impl Replacement {
     ///
     /// # Errors
     /// The folder does not exist or cannot be written to.
-    pub fn of(path: &Path) -> Result<Self> {
+    pub fn new(path: &Path) -> Result<Self> {
         let target = linked(path);
         let mut prefix = OsString::from(".");
         prefix.push(target.file_name().unwrap_or_default());
         prefix.push(".");
-        Self::new(path, &target, Builder::new().prefix(&prefix).suffix(".tmp"))
+        Self::create(path, &target, Builder::new().prefix(&prefix).suffix(".tmp"))
     }
 
-    /// Like [`Replacement::of`], but the temporary file has the name of [`part`], so that its contents
+    /// Like [`Replacement::new`], but the temporary file has the name of [`part_file`], so that its contents
     /// can be kept. An older file of that name is replaced.
     ///
     /// # Errors
-    /// See [`Replacement::of`]; or another process writes the file.
-    pub fn part(path: &Path) -> Result<Self> {
+    /// See [`Replacement::new`]; or another process writes the file.
+    pub fn partial(path: &Path) -> Result<Self> {
         let target = linked(path);
-        let Some(part) = part(path) else { return Self::new(path, &target, &mut Builder::new()) };
+        let Some(part) = part_file(path) else {
+            return Self::create(path, &target, &mut Builder::new());
+        };
         if let Ok(older) = File::open(&part) {
             if let Err(TryLockError::WouldBlock) = older.try_lock() {
                 bail!("{} is in use by another process", part.display());
@@ -53,17 +55,17 @@ impl Replacement {
             fs::remove_file(&part).with_context(|| format!("cannot remove {}", part.display()))?;
         }
         let name = part.file_name().unwrap_or_default();
-        let new = Self::new(path, &target, Builder::new().prefix(name).rand_bytes(0))?;
+        let new = Self::create(path, &target, Builder::new().prefix(name).rand_bytes(0))?;
         // File systems without locks cannot protect the file.
         let _ = new.file().try_lock();
         Ok(new)
     }
 
-    fn new(path: &Path, target: &Path, builder: &mut Builder<'_, '_>) -> Result<Self> {
+    fn create(path: &Path, target: &Path, builder: &mut Builder<'_, '_>) -> Result<Self> {
         let cannot = || format!("cannot write {}", path.display());
         let target = if is_device(target) {
             let file = File::options().write(true).open(target);
-            Target::Device(file.with_context(cannot)?)
+            Destination::Device(file.with_context(cannot)?)
         } else {
             let folder = match target.parent() {
                 Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -78,7 +80,7 @@ impl Replacement {
             let older = fs::metadata(target).ok().filter(fs::Metadata::is_file);
             let permissions = older.map(|older| older.permissions());
             let (file, listed) = temporary(builder, folder, permissions).with_context(cannot)?;
-            Target::Temporary(file, listed)
+            Destination::Temporary(file, listed)
         };
         let path = path.to_owned();
         Ok(Self { path, target })
@@ -86,8 +88,8 @@ impl Replacement {
 
     fn file(&self) -> &File {
         match &self.target {
-            Target::Temporary(file, _) => file.as_file(),
-            Target::Device(file) => file,
+            Destination::Temporary(file, _) => file.as_file(),
+            Destination::Device(file) => file,
         }
     }
 
@@ -97,8 +99,8 @@ impl Replacement {
     /// The file system does not tell it.
     pub fn length(&self) -> io::Result<u64> {
         match &self.target {
-            Target::Temporary(file, _) => file.as_file().stream_position(),
-            Target::Device(_) => Ok(0),
+            Destination::Temporary(file, _) => file.as_file().stream_position(),
+            Destination::Device(_) => Ok(0),
         }
     }
 
@@ -107,7 +109,7 @@ impl Replacement {
     /// # Errors
     /// The disk is full, or the target is a folder.
     pub fn finish(self) -> Result<()> {
-        if let Target::Temporary(file, _listed) = self.target {
+        if let Destination::Temporary(file, _listed) = self.target {
             let cannot = || format!("cannot write {}", self.path.display());
             file.as_file().sync_all().with_context(cannot)?;
             file.persist(linked(&self.path)).map_err(|error| error.error).with_context(cannot)?;
@@ -121,10 +123,10 @@ impl Replacement {
     /// # Errors
     /// The disk is full; the file is kept all the same.
     pub fn keep(self) -> Result<Option<PathBuf>> {
-        let Target::Temporary(file, _listed) = self.target else { return Ok(None) };
+        let Destination::Temporary(file, _listed) = self.target else { return Ok(None) };
         let (file, _) = file.keep()?;
         file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))?;
-        Ok(part(&self.path))
+        Ok(part_file(&self.path))
     }
 
     /// Drops everything after this number of bytes; nothing for a device.
@@ -133,11 +135,11 @@ impl Replacement {
     /// The file system cannot do it.
     pub fn truncate(&mut self, length: u64) -> io::Result<()> {
         match &mut self.target {
-            Target::Temporary(file, _) => {
+            Destination::Temporary(file, _) => {
                 file.as_file().set_len(length)?;
                 file.seek(SeekFrom::Start(length)).map(drop)
             }
-            Target::Device(_) => Ok(()),
+            Destination::Device(_) => Ok(()),
         }
     }
 }
@@ -166,7 +168,7 @@ pub fn folder(name: &str) -> Result<PathBuf, &'static str> {
 /// # Errors
 /// The file cannot be written.
 pub fn write(path: &Path, content: &[u8]) -> Result<()> {
-    let mut new = Replacement::of(path)?;
+    let mut new = Replacement::new(path)?;
     new.write_all(content).with_context(|| format!("cannot write {}", path.display()))?;
     new.finish()
 }
@@ -183,7 +185,7 @@ pub fn check_writable(folder: &Path) -> Result<()> {
 
 /// The file beside `path` for contents that are not complete: its name with the suffix `.part`. `None`
 /// for a device, which is written directly.
-pub fn part(path: &Path) -> Option<PathBuf> {
+pub fn part_file(path: &Path) -> Option<PathBuf> {
     let target = linked(path);
     if is_device(&target) {
         return None;
@@ -223,9 +225,9 @@ fn is_device(path: &Path) -> bool {
 }
 
 /// A file in the list of unfinished ones.
-struct Listed(PathBuf);
+struct UnfinishedFile(PathBuf);
 
-impl Drop for Listed {
+impl Drop for UnfinishedFile {
     fn drop(&mut self) {
         unfinished().remove(&self.0);
     }
@@ -236,7 +238,7 @@ fn temporary(
     builder: &mut Builder<'_, '_>,
     folder: &Path,
     permissions: Option<Permissions>,
-) -> io::Result<(NamedTempFile, Listed)> {
+) -> io::Result<(NamedTempFile, UnfinishedFile)> {
     #[cfg(unix)]
     builder.permissions(
         permissions.clone().unwrap_or(std::os::unix::fs::PermissionsExt::from_mode(0o666)),
@@ -248,7 +250,7 @@ fn temporary(
     }
     let path = file.path().to_owned();
     unfinished().insert(path.clone());
-    Ok((file, Listed(path)))
+    Ok((file, UnfinishedFile(path)))
 }
 
 #[cfg(test)]
@@ -269,14 +271,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pid.csv");
         fs::write(&path, "old").unwrap();
-        let mut new = Replacement::of(&path).unwrap();
+        let mut new = Replacement::new(&path).unwrap();
         new.write_all(b"new").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"old");
         let hidden = names(folder.path()).remove(0);
         assert!(hidden.starts_with(".pid.csv.") && hidden.ends_with(".tmp"), "{hidden}");
         new.finish().unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
-        drop(Replacement::of(&path).unwrap());
+        drop(Replacement::new(&path).unwrap());
         assert_eq!(names(folder.path()), ["pid.csv"]);
     }
 
@@ -284,10 +286,10 @@ mod tests {
     fn a_part_can_be_kept() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pid.csv");
-        let kept = Replacement::part(&path).unwrap().keep().unwrap();
-        assert_eq!(kept, part(&path));
+        let kept = Replacement::partial(&path).unwrap().keep().unwrap();
+        assert_eq!(kept, part_file(&path));
         assert_eq!(names(folder.path()), ["pid.csv.part"]);
-        Replacement::part(&path).unwrap().finish().unwrap();
+        Replacement::partial(&path).unwrap().finish().unwrap();
         assert_eq!(names(folder.path()), ["pid.csv"]);
     }
 

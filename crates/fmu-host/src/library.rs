@@ -8,7 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{fmt, mem, ptr};
 
-use fmi_abi::{FmiVersion, Group, InterfaceType, fmi2, fmi2_functions, fmi3, fmi3_functions};
+use fmi_abi::{
+    FmiVersion, FunctionGroup, InterfaceType, fmi2, fmi2_functions, fmi3, fmi3_functions,
+};
 
 use crate::logger::text;
 use crate::outcome::{Cause, Failure, Result, Status, Success};
@@ -158,12 +160,12 @@ impl Library {
             return Vec::new();
         }
         let own = match interface_type {
-            InterfaceType::ModelExchange => Group::ModelExchange,
-            InterfaceType::CoSimulation => Group::CoSimulation,
+            InterfaceType::ModelExchange => FunctionGroup::ModelExchange,
+            InterfaceType::CoSimulation => FunctionGroup::CoSimulation,
         };
         let functions = self.version.functions().iter().map(|(call, _)| call);
         functions
-            .filter(|call| call.group == Group::All || call.group == own)
+            .filter(|call| call.group == FunctionGroup::All || call.group == own)
             .map(|call| call.name)
             // SAFETY: the symbol is looked up but not used.
             .filter(|name| unsafe { self.binary.get::<*const c_void>(name) }.is_none())

@@ -5,7 +5,7 @@
 //! continuous enters event mode at each communication point, where such inputs may be set. An event at the end of a
 //! step waits for the inputs of that communication point, if they come from other components.
 
-use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
+use dormand_prince::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
 use fmu_description::{FmiVersion, Variability};
 use fmu_host::Instance;
 
@@ -135,7 +135,7 @@ impl<'a> Integrator<'a> {
                 return if nominals_changed { self.read_nominals(recorded) } else { Ok(()) };
             }
         }
-        Err(solver::Failure::discard(format_args!(
+        Err(solver::SolverError::discard(format_args!(
             "the event at t = {time:?} s needs more than {MAX_UPDATES} updates of discrete states"
         )))
     }
@@ -220,7 +220,7 @@ impl ComponentEquations<'_, '_> {
     }
 }
 
-impl System for ComponentEquations<'_, '_> {
+impl OdeSystem for ComponentEquations<'_, '_> {
     type Error = IntegrationError;
 
     fn nominal(&self, state: usize) -> f64 {

@@ -72,7 +72,7 @@ pub(crate) enum IntegrationError {
     Equations { reason: String, is_discarded: bool },
 }
 
-impl solver::Failure for IntegrationError {
+impl solver::SolverError for IntegrationError {
     fn discard(reason: Arguments<'_>) -> Self {
         Self::Equations { reason: reason.to_string(), is_discarded: true }
     }

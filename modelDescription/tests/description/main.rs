@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use fmu_description::hash::checksum;
 use fmu_description::interface::{guid, size, variant, write};
-use fmu_description::table::{Bounds, Declaration, StartValues};
+use fmu_description::table::{Bounds, Declaration, TypedStart};
 use fmu_description::xml::parse;
 use fmu_description::{
     Causality, DeclaredType, Dynamics, ExportInfo, ExportedModel, FmiVersion, Initial, Interface,
@@ -251,15 +251,15 @@ fn the_guid_changes_with_the_interface_only() {
         |field, _| field.unit = "m",
         |field, _| field.dynamics = Dynamics::State,
         |field, _| field.bounds = Bounds::Real(0.0, 1.0),
-        |field, _| field.start = StartValues::Float64(&[2.0]),
-        |field, _| field.start = StartValues::Float32(&[0.25]),
-        |field, _| field.start = StartValues::UInt8(&[1]),
-        |field, _| field.start = StartValues::Int8(&[1]),
-        |field, _| field.start = StartValues::Boolean(&[true]),
-        |field, _| field.start = StartValues::String(&["a"]),
-        |field, _| field.start = StartValues::Binary(&[b"a"]),
-        |field, _| field.start = StartValues::Binary(&[b"b"]),
-        |field, _| (field.start, field.mime_type) = (StartValues::Binary(&[b"a"]), "image/png"),
+        |field, _| field.start = TypedStart::Float64(&[2.0]),
+        |field, _| field.start = TypedStart::Float32(&[0.25]),
+        |field, _| field.start = TypedStart::UInt8(&[1]),
+        |field, _| field.start = TypedStart::Int8(&[1]),
+        |field, _| field.start = TypedStart::Boolean(&[true]),
+        |field, _| field.start = TypedStart::String(&["a"]),
+        |field, _| field.start = TypedStart::Binary(&[b"a"]),
+        |field, _| field.start = TypedStart::Binary(&[b"b"]),
+        |field, _| (field.start, field.mime_type) = (TypedStart::Binary(&[b"a"]), "image/png"),
     ] as [fn(&mut Declaration, &mut Interface); _]
     {
         guids.push(changed(change));

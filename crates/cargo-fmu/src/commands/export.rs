@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Result;
-use fmu_build::{ExportOptions, ExportedFmu, Progress};
+use fmu_build::{BuildProgress, ExportOptions, ExportedFmu};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::ui;
@@ -32,9 +32,11 @@ pub fn build(options: &ExportOptions) -> Result<Vec<ExportedFmu>> {
     let print = |text: &str| spinner.suspend(|| ui::message(format_args!("{text}")));
     let written = fmu_build::export(options, &|progress| match progress {
         // Without a terminal, there is no spinner.
-        Progress::Building(text) if spinner.is_hidden() => print(&format!("{text} ...")),
-        Progress::Building(text) | Progress::Built(text) => spinner.set_message(text.to_owned()),
-        Progress::Said(text) => print(text),
+        BuildProgress::Building(text) if spinner.is_hidden() => print(&format!("{text} ...")),
+        BuildProgress::Building(text) | BuildProgress::Built(text) => {
+            spinner.set_message(text.to_owned())
+        }
+        BuildProgress::Said(text) => print(text),
     });
     spinner.finish_and_clear();
     written

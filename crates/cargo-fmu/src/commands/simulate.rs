@@ -83,7 +83,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
     let unsaved = session.folder().join("rows.csv");
     // A page is drawn of rows that can be read again, which a device or a pipe does not allow.
     let (csv, page) = (args.csv.as_deref().filter(|_| !is_printed), &args.page.file);
-    let file = csv.filter(|csv| page.is_none() || replace::part(csv).is_some());
+    let file = csv.filter(|csv| page.is_none() || replace::part_file(csv).is_some());
     let rows = file.or(page.as_ref().map(|_| &*unsaved));
     let watch = Watch {
         keeps_rows: file.is_some(),

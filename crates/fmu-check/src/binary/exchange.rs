@@ -4,7 +4,7 @@
 use std::fmt::Arguments;
 
 use anyhow::{Error, Result};
-use dormand_prince::solver::{self, Advanced, Events, Step, System, Workspace};
+use dormand_prince::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
 use fmu_description::{Causality, Value, XmlVariable};
 use fmu_host::{Cause, Failure, Instance, Status};
 
@@ -36,7 +36,7 @@ impl From<Failure> for StepError {
     }
 }
 
-impl solver::Failure for StepError {
+impl solver::SolverError for StepError {
     fn discard(reason: Arguments<'_>) -> Self {
         Self::Equations { reason: reason.to_string(), is_discarded: true }
     }
@@ -153,7 +153,7 @@ fn signs(indicators: &[f64]) -> Vec<bool> {
 /// The equations of the FMU, as the solver sees them.
 struct Equations<'a, 'b>(&'a mut Run<'b>);
 
-impl System for Equations<'_, '_> {
+impl OdeSystem for Equations<'_, '_> {
     type Error = StepError;
 
     fn nominal(&self, state: usize) -> f64 {

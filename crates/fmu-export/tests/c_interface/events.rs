@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use dormand_prince::solver::{self, Events as Handled, System, Workspace};
+use dormand_prince::solver::{self, Events as Handled, OdeSystem, Workspace};
 use fmu_description::Type;
 use fmu_export::testing::{Driver, Value};
 
@@ -117,7 +117,7 @@ impl Host {
 #[derive(Debug)]
 struct Failed;
 
-impl solver::Failure for Failed {
+impl solver::SolverError for Failed {
     fn discard(_: std::fmt::Arguments<'_>) -> Self {
         Self
     }
@@ -131,7 +131,7 @@ impl solver::Failure for Failed {
     }
 }
 
-impl System for Host {
+impl OdeSystem for Host {
     type Error = Failed;
 
     fn nominal(&self, _state: usize) -> f64 {

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use fmu_description::{Type, Value};
-use fmu_file::replace::{Replacement, part};
+use fmu_file::replace::{Replacement, part_file};
 
 use crate::Row;
 use crate::table::{self, Column, Format, ParquetWriter};
@@ -38,10 +38,10 @@ impl Rows {
         ensure!(!path.is_dir(), "{} is a folder", path.display());
         let mut columns = vec![Column::new("time", "s", Type::Float64)];
         columns.extend_from_slice(recorded);
-        let is_parquet = Format::of(path) == Some(Format::Parquet) && part(path).is_some();
+        let is_parquet = Format::of(path) == Some(Format::Parquet) && part_file(path).is_some();
         let mut rows = Self {
             path: path.to_owned(),
-            part: Replacement::part(path)?,
+            part: Replacement::partial(path)?,
             parquet: is_parquet.then(|| ParquetWriter::new(path, &columns)),
             text: table::header(&columns),
             ends: Vec::new(),
@@ -107,7 +107,7 @@ impl Rows {
 
     /// Whether the file is a device.
     pub(super) fn is_device(&self) -> bool {
-        part(&self.path).is_none()
+        part_file(&self.path).is_none()
     }
 
     /// Keeps the rows, if there are any, in the file with the suffix `.part` unless it is a device. Returns the file and
@@ -116,7 +116,7 @@ impl Rows {
         // As many as the disk has room for.
         let _ = self.flush();
         let last = self.last?;
-        let place = part(&self.path).unwrap_or(self.path);
+        let place = part_file(&self.path).unwrap_or(self.path);
         let _ = self.part.keep();
         Some((place, last))
     }

@@ -189,7 +189,7 @@ impl Journal {
         match self.format {
             Format::Csv => {
                 // A row has the same line in the table.
-                let mut output = Replacement::of(&self.output)?;
+                let mut output = Replacement::new(&self.output)?;
                 let mut table = BufWriter::new(&mut output);
                 let cannot = || format!("cannot write {}", self.output.display());
                 write!(table, "{}", table::header(&self.columns)).with_context(cannot)?;

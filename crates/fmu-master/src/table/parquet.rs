@@ -96,7 +96,7 @@ impl ParquetWriter {
 }
 
 fn begin(file: &Path, columns: &[Column]) -> Result<SerializedFileWriter<Replacement>> {
-    let (output, properties) = (Replacement::of(file)?, WriterProperties::builder().build());
+    let (output, properties) = (Replacement::new(file)?, WriterProperties::builder().build());
     let writer = SerializedFileWriter::new(output, schema(columns)?, Arc::new(properties));
     writer.with_context(|| format!("cannot write {}", file.display()))
 }

@@ -23,7 +23,7 @@ struct Group;
 
 #[derive(Variables)]
 struct Nested {
-    #[nested] group: Group,
+    #[nested] group: FunctionGroup,
 }
 
 /// Form of the control law
