@@ -9,7 +9,7 @@ use fmu_description::{
 };
 
 use crate::error::ModelError;
-use crate::layout::{self, ModelInfo, copy_fields, elements_in_use, has_own_start, real_at};
+use crate::layout::{self, ModelInfo, copy_fields, elements_in_use, float64_at, has_own_start};
 use crate::log::Log;
 use crate::model::Behavior;
 
@@ -33,7 +33,7 @@ pub(crate) trait AnyModel: Any {
     fn hash_of_switches(&mut self) -> u128;
     /// Integrates the equations over a step.
     fn integrate(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
-    /// What the author has written.
+    /// The functions that the author has written.
     fn behavior(&self) -> &dyn Behavior;
     fn behavior_mut(&mut self) -> &mut dyn Behavior;
     fn copy(&self) -> Box<dyn AnyModel>;
@@ -150,20 +150,20 @@ impl dyn AnyModel {
                 SolverVector::States => info.states[i].state_offset,
             };
             // SAFETY: the offsets come from the table.
-            *value = unsafe { *real_at(self.memory(), offset) };
+            *value = unsafe { *float64_at(self.memory(), offset) };
         }
     }
 
     pub(crate) fn event_indicator(&mut self, index: usize) -> f64 {
         // SAFETY: the offsets come from the table.
-        unsafe { *real_at(self.memory(), self.info().event_indicators[index]) }
+        unsafe { *float64_at(self.memory(), self.info().event_indicators[index]) }
     }
 
     /// Sets the first states.
     pub(crate) fn set_states(&mut self, states: &[f64]) {
         for (state, value) in self.info().states.iter().zip(states) {
             // SAFETY: the offsets come from the table.
-            unsafe { *real_at(self.memory(), state.state_offset) = *value };
+            unsafe { *float64_at(self.memory(), state.state_offset) = *value };
         }
     }
 
@@ -206,7 +206,7 @@ impl dyn AnyModel {
         let derivatives = info.states.iter().map(|state| state.derivative_offset);
         for offset in derivatives.chain(info.event_indicators.iter().copied()) {
             // SAFETY: the offsets come from the table.
-            let value = unsafe { *real_at(self.memory(), offset) };
+            let value = unsafe { *float64_at(self.memory(), offset) };
             if !value.is_finite() {
                 return Err(self.not_finite(offset, value));
             }

@@ -110,7 +110,7 @@ impl Instance {
         if let Some(change) = direction.iter().find(|change| !change.is_finite()) {
             return refused!("the direction contains {change}; expected finite numbers");
         }
-        self.prepare(true)
+        self.prepare_values(true)
     }
 
     /// Checks that a variable is a Real with a part in the Jacobian.

@@ -10,10 +10,10 @@ use crate::instance::Instance;
 use crate::lifecycle::{InstanceType, Lifecycle};
 
 impl Instance {
-    /// Evaluates the equations between steps if the host asks for what is computed only then: derivatives and event
-    /// indicators. Otherwise, computes what is not up to date. Returns the model before an evaluation, to which it
-    /// is to return: outputs have the values of the last step.
-    pub(crate) fn prepare(
+    /// Makes values ready to be read. Between steps, evaluates the equations if the host asks for derivatives or event
+    /// indicators, and returns the model before, which the caller restores: outputs keep the values of the last step.
+    /// Otherwise, brings values up to date.
+    pub(crate) fn prepare_values(
         &mut self,
         needs_evaluation: bool,
     ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
@@ -26,7 +26,7 @@ impl Instance {
         if is_stepped && self.model.info().is_continuous && needs_evaluation {
             return self.evaluate_aside().map(Some);
         }
-        self.update()?;
+        self.bring_up_to_date()?;
         Ok(None)
     }
 
@@ -43,9 +43,9 @@ impl Instance {
         }
     }
 
-    /// Computes what a host may read and is not up to date, before the end of the initialization, in event
+    /// Computes values that are not up to date, before the end of the initialization, in event
     /// mode and in model exchange.
-    pub(crate) fn update(&mut self) -> Result<(), ModelError> {
+    pub(crate) fn bring_up_to_date(&mut self) -> Result<(), ModelError> {
         let Lifecycle { instance_type, state, stale, .. } = self.shared.lifecycle;
         let is_evaluated = match state {
             _ if !stale => return Ok(()),
@@ -93,18 +93,18 @@ impl Instance {
         Ok(())
     }
 
-    fn get_numbers(&mut self, which: SolverVector, values: &mut [f64]) -> Result<(), ModelError> {
-        self.check_length(which, values.len())?;
-        if which != SolverVector::Nominals {
-            self.update()?;
+    fn get_vector(&mut self, vector: SolverVector, values: &mut [f64]) -> Result<(), ModelError> {
+        self.check_length(vector, values.len())?;
+        if vector != SolverVector::Nominals {
+            self.bring_up_to_date()?;
         }
-        self.model.read_vector(which, values);
+        self.model.read_vector(vector, values);
         Ok(())
     }
 
-    fn check_length(&self, of: SolverVector, found: usize) -> Result<(), ModelError> {
-        let expected = self.model.vector_length(of);
-        let what = match of {
+    fn check_length(&self, vector: SolverVector, found: usize) -> Result<(), ModelError> {
+        let expected = self.model.vector_length(vector);
+        let what = match vector {
             SolverVector::EventIndicators => "event indicators",
             _ => "continuous states",
         };
@@ -117,17 +117,17 @@ impl Instance {
 }
 
 /// Defines methods that get the numbers which a host integrates, or locates events with.
-macro_rules! get_numbers {
+macro_rules! get_vectors {
     ($($name:ident: $which:ident;)*) => {
         impl Instance {
             $(pub(crate) fn $name(&mut self, values: &mut [f64]) -> Result<(), ModelError> {
-                self.get_numbers(SolverVector::$which, values)
+                self.get_vector(SolverVector::$which, values)
             })*
         }
     };
 }
 
-get_numbers! {
+get_vectors! {
     get_continuous_states: States;
     get_continuous_state_derivatives: Derivatives;
     get_event_indicators: EventIndicators;

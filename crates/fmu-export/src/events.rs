@@ -30,7 +30,7 @@ impl Instance {
 
     /// Enters step mode with the outputs of event mode.
     pub(crate) fn enter_step_mode(&mut self) -> Result<(), ModelError> {
-        self.update().map_err(ModelError::not_discarded)?;
+        self.bring_up_to_date().map_err(ModelError::not_discarded)?;
         self.enter(State::StepMode);
         Ok(())
     }

@@ -16,7 +16,7 @@ use crate::any_model::{AnyModel, VariantStarts};
 use crate::error::ModelError;
 use crate::instance::{Guid, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
-use crate::layout::{Extent, Place, elements_in_use, real_at};
+use crate::layout::{Extent, Place, elements_in_use, float64_at};
 use crate::log::discard;
 use crate::model::Model;
 use crate::pointers::{NULL_ARRAY, Pointer, slice, slice_mut};
@@ -309,7 +309,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
             let hosted = Self::at(pointer);
             if n == n_values
                 && hosted.is_fast(references, values)
-                && hosted.instance.model.get_each(
+                && hosted.instance.model.get_scalars(
                     LaidOut::<M, N>::SCALARS,
                     from_raw_parts(references, n),
                     from_raw_parts_mut(values, n_values),
@@ -338,7 +338,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
             let hosted = Self::at(pointer);
             if n == n_values
                 && hosted.is_fast(references, values)
-                && hosted.instance.model.set_each(
+                && hosted.instance.model.set_scalars(
                     LaidOut::<M, N>::SCALARS,
                     from_raw_parts(references, n),
                     from_raw_parts(values, n_values),
@@ -468,7 +468,7 @@ unsafe extern "C" fn set_float64(
 
 /// Access to the Float64 of a model, by the tables of its layout.
 impl<M: Model, const N: usize> LaidOut<M, N> {
-    /// As [`get_each`](Self::get_each) for scalars and elements of arrays in use, but writes nothing if it returns
+    /// As [`get_scalars`](Self::get_scalars) for scalars and elements of arrays in use, but writes nothing if it returns
     /// false.
     #[inline(always)]
     pub(crate) fn get_elements(&mut self, references: &[u32], values: &mut [f64]) -> bool {
@@ -476,27 +476,27 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
             let place = Self::ELEMENTS.get(reference as usize);
             place.is_some_and(|place| place.offset != Place::NONE)
         };
-        !self.is_smaller()
+        !self.has_fewer_elements()
             && (references.len() == 1 || references.iter().all(is_real))
-            && self.get_each(Self::ELEMENTS, references, values)
+            && self.get_scalars(Self::ELEMENTS, references, values)
     }
 
-    /// As [`set_each`](Self::set_each) for scalars and elements of arrays in use.
+    /// As [`set_scalars`](Self::set_scalars) for scalars and elements of arrays in use.
     #[inline(always)]
     pub(crate) fn set_elements(&mut self, references: &[u32], values: &[f64]) -> bool {
-        !self.is_smaller() && self.set_each(Self::ELEMENTS, references, values)
+        !self.has_fewer_elements() && self.set_scalars(Self::ELEMENTS, references, values)
     }
 
     /// Whether a variant uses fewer elements of an array than `ELEMENTS` assumes.
     #[inline(always)]
-    fn is_smaller(&self) -> bool {
-        Self::HAS_STRUCTURAL_PARAMETERS && self.is_smaller
+    fn has_fewer_elements(&self) -> bool {
+        Self::HAS_STRUCTURAL_PARAMETERS && self.has_fewer_elements
     }
 
-    /// Gets what is at some of the places. Returns false if a reference is not of a Float64 there; values of others
-    /// may have been written.
+    /// Gets Float64 by a table of places. Returns false if a reference has no place; some values may have been
+    /// written.
     #[inline(always)]
-    pub(crate) fn get_each(
+    pub(crate) fn get_scalars(
         &mut self,
         places: &'static [Place; N],
         references: &[u32],
@@ -504,8 +504,8 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     ) -> bool {
         let mut get = |(&reference, value): (&u32, &mut f64)| match places.get(reference as usize) {
             Some(&Place { offset, .. }) if offset != Place::NONE => {
-                // SAFETY: the reference belongs to a Real, by the check.
-                *value = unsafe { *real_at(self.memory(), offset) };
+                // SAFETY: the reference belongs to a Float64, by the check.
+                *value = unsafe { *float64_at(self.memory(), offset) };
                 true
             }
             _ => false,
@@ -517,25 +517,25 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         }
     }
 
-    /// Sets what is at some of the places. Returns false and writes nothing if a variable or value is not
-    /// allowed between steps.
+    /// Sets Float64 by a table of places. Returns false and writes nothing if a variable or value is not allowed
+    /// between steps.
     #[inline(always)]
-    pub(crate) fn set_each(
+    pub(crate) fn set_scalars(
         &mut self,
         places: &'static [Place; N],
         references: &[u32],
         values: &[f64],
     ) -> bool {
-        // The range is empty unless the variable is a Real that may be set.
+        // The range is empty unless the variable is a Float64 that may be set.
         let is_allowed = |(&reference, value): (&u32, &f64)| {
             (places.get(reference as usize))
                 .is_some_and(|place| place.min <= *value && *value <= place.max)
         };
-        // SAFETY: the reference belongs to a Real, by the check.
+        // SAFETY: the reference belongs to a Float64, by the check.
         let mut set = |(&reference, &value): (&u32, &f64)| unsafe {
-            *real_at(self.memory(), places.get_unchecked(reference as usize).offset) = value;
+            *float64_at(self.memory(), places.get_unchecked(reference as usize).offset) = value;
         };
-        // As for getting.
+        // A single value without a loop, as for getting.
         if let ([reference], [value]) = (references, values) {
             let is_set = is_allowed((reference, value));
             if is_set {
@@ -551,7 +551,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         are_set
     }
 
-    /// As [`get_each`](Self::get_each), where a reference stands for a variable with all its
+    /// As [`get_scalars`](Self::get_scalars), where a reference stands for a variable with all its
     /// elements. Some values may have been written if it returns false: they are undefined after an error,
     /// and a loop that checks all references before would take 5 ns.
     #[inline(always)]
@@ -562,12 +562,12 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
                 Some(place) if place.offset != Place::NONE => {}
                 _ => return false,
             }
-            // SAFETY: the reference belongs to Reals, by the check.
-            let array = unsafe { self.reals(reference) };
+            // SAFETY: the reference belongs to a Float64, by the check.
+            let array = unsafe { self.float64s(reference) };
             let Some((values, others)) = rest.split_at_mut_checked(array.len()) else {
                 return false;
             };
-            copy(array, values);
+            copy_numbers(array, values);
             rest = others;
         }
         rest.is_empty()
@@ -586,7 +586,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
             let Some((values, others)) = rest.split_at_checked(length) else {
                 return false;
             };
-            // The range is empty unless the variable is a Real that may be set.
+            // The range is empty unless the variable is a Float64 that may be set.
             let is_allowed = |value: &f64| place.min <= *value && *value <= place.max;
             if values.is_empty() || !values.iter().all(is_allowed) {
                 return false;
@@ -598,12 +598,12 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         }
         let mut rest = values;
         for &reference in references {
-            // SAFETY: the reference belongs to Reals, by the check.
-            let array = unsafe { self.reals(reference) };
+            // SAFETY: the reference belongs to a Float64, by the check.
+            let array = unsafe { self.float64s(reference) };
             let Some((values, others)) = rest.split_at_checked(array.len()) else {
                 return false;
             };
-            copy(values, array);
+            copy_numbers(values, array);
             rest = others;
         }
         true
@@ -619,17 +619,17 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         }
     }
 
-    /// The Reals of the variable with the given reference.
+    /// The elements in use of the variable with the given reference.
     ///
     /// # Safety
     /// The reference belongs to a Float64 in the table of variables.
     #[inline(always)]
-    unsafe fn reals(&mut self, reference: u32) -> &mut [f64] {
+    unsafe fn float64s(&mut self, reference: u32) -> &mut [f64] {
         // SAFETY: the caller's promise; `Variables` promises an array of `f64` at this offset.
         unsafe {
             let place = Self::VARIABLES.get_unchecked(reference as usize);
             let length = self.length(Self::INFO.arrays.get_unchecked(reference as usize));
-            std::slice::from_raw_parts_mut(real_at(self.memory(), place.offset), length)
+            std::slice::from_raw_parts_mut(float64_at(self.memory(), place.offset), length)
         }
     }
 }
@@ -637,7 +637,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
 /// Copies numbers to a slice of the same length. Most are one or a few, for which a call of `memcpy` would
 /// take longer.
 #[inline(always)]
-fn copy(from: &[f64], to: &mut [f64]) {
+fn copy_numbers(from: &[f64], to: &mut [f64]) {
     match (from, to) {
         ([from], [to]) => *to = *from,
         (from, to) if (2..=4).contains(&from.len()) => copy_ends::<2>(from, to),

@@ -18,7 +18,7 @@ use crate::snapshot;
 pub(crate) struct LaidOut<M, const N: usize> {
     pub(crate) model: M,
     /// Whether a variant uses fewer elements of an array than the table.
-    pub(crate) is_smaller: bool,
+    pub(crate) has_fewer_elements: bool,
 }
 
 impl<M: Model, const N: usize> LaidOut<M, N> {
@@ -52,12 +52,12 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     pub(crate) const VARIABLES: &'static [Place; N] = &const { Self::TABLES.variables };
 
     pub(crate) fn with_model(model: M) -> Self {
-        Self { model, is_smaller: false }
+        Self { model, has_fewer_elements: false }
     }
 
     pub(crate) fn new(variant: Option<VariantStarts>) -> Self {
         let mut new = Self::with_model(M::new());
-        new.is_smaller = variant.is_some_and(|variant| variant.set(&mut new));
+        new.has_fewer_elements = variant.is_some_and(|variant| variant.set(&mut new));
         new
     }
 }
@@ -142,7 +142,7 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
     }
 
     fn copy(&self) -> Box<dyn AnyModel> {
-        Box::new(Self { model: self.model.copy(), is_smaller: self.is_smaller })
+        Box::new(Self { model: self.model.copy(), has_fewer_elements: self.has_fewer_elements })
     }
 
     fn assign(&mut self, from: &dyn AnyModel) -> bool {

@@ -20,7 +20,7 @@ pub(crate) struct Place {
 
 impl Place {
     pub(crate) const NONE: usize = usize::MAX;
-    /// That of no variable.
+    /// The place of no variable.
     const EMPTY: Self = Self { offset: Self::NONE, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
     const fn from_row(row: &ScalarVariable) -> Self {
@@ -53,7 +53,7 @@ pub(crate) struct Extent {
 
 impl Extent {
     pub(crate) const ALL: u32 = u32::MAX;
-    /// That of no variable.
+    /// The extent of no variable.
     const EMPTY: Self = Self { count: 0, default: 0, size: Self::ALL };
 }
 
@@ -237,7 +237,7 @@ pub(crate) fn has_own_start(variable: &Declaration) -> bool {
     matches!(variable.causality, Causality::Output | Causality::Local) && !variable.start.is_empty()
 }
 
-/// What the code that all models share knows of a model.
+/// What is known of a model to the code that is compiled once for all models.
 pub(crate) struct ModelInfo {
     pub(crate) rows: &'static [TableRow],
     /// Number of scalar variables; their value references are 0 to `count - 1`.
@@ -279,12 +279,12 @@ pub(crate) unsafe fn elements_in_use(model: *mut u8, array: &Extent) -> usize {
     size.min(u64::from(array.count)) as usize
 }
 
-/// The Real with the given offset in a model.
+/// The Float64 with the given offset in a model.
 ///
 /// # Safety
-/// The offset is one of the Reals in the table of the model, which is borrowed mutably for `'a`.
+/// The offset is the offset of a Float64 in the table of the model, which is borrowed mutably for `'a`.
 #[inline(always)]
-pub(crate) unsafe fn real_at<'a>(model: *mut u8, offset: usize) -> &'a mut f64 {
+pub(crate) unsafe fn float64_at<'a>(model: *mut u8, offset: usize) -> &'a mut f64 {
     // SAFETY: `Variables` promises an `f64` at this offset.
     unsafe { &mut *model.byte_add(offset).cast::<f64>() }
 }
@@ -443,7 +443,7 @@ macro_rules! access {
         /// Copies the elements of a field.
         ///
         /// # Safety
-        /// As [`start`], and so from the other place.
+        /// As [`start`], for both places.
         unsafe fn copy(to: *mut u8, from: *mut u8, field: &Declaration) {
             let elements = 0..field.element_count();
             // SAFETY: the caller's promise.

@@ -59,7 +59,7 @@
 //! use the C types of FMI.
 //!
 //! The three calls that a host makes at every step (set Float64, step, get Float64) are compiled for each
-//! model. They have a fast path with a few checks, which never accepts a call that the component would
+//! model. They have a fast path with a few checks, which never accepts a call that the instance would
 //! refuse, and leave all other cases to the instance.
 
 #![cfg_attr(

@@ -102,7 +102,7 @@ saved! {
 }
 
 impl Integration {
-    /// That of a model which is not integrated.
+    /// The integration of a model that the instance does not integrate.
     pub(crate) const NONE: Self =
         Self { tolerance: 0.0, handled: 0.0, restarts: false, switches: 0 };
 }

@@ -29,8 +29,8 @@ unsafe extern "C" {
     safe fn new_model_exchange(instance: Pointer) -> u32;
 }
 
-/// What a model needs of the host. A component imports what one of its models needs, since the linker drops the
-/// others.
+/// The functions of the host that a model needs. A component imports only functions that one of its models needs,
+/// since the linker drops the rest.
 pub(crate) struct Needs {
     pub(crate) new_model_exchange: Option<extern "C" fn(Pointer) -> u32>,
     pub(crate) intermediate_update: Option<fn(IntermediateUpdate) -> Option<f64>>,

@@ -20,10 +20,10 @@ pub(crate) unsafe fn slice<'a, T>(pointer: *const T, n: usize) -> Option<&'a [T]
     }
 }
 
-/// Like [`slice`], but mutable.
+/// Like [`slice()`], but mutable.
 ///
 /// # Safety
-/// As [`slice`], and the elements are not used otherwise during the slice's lifetime.
+/// As [`slice()`], and the elements are not used otherwise during the slice's lifetime.
 pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a mut [T]> {
     match (pointer.is_null(), n) {
         (_, 0) => Some(&mut []),

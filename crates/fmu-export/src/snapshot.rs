@@ -15,8 +15,8 @@ use crate::state_layout::StateLayout;
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// The format of the serialized states of a model whose fields have this layout. Bytes of another format are refused.
 pub(crate) const fn format(model: u128) -> u32 {
-    /// Of the header and the parts of the payload, to be raised when [`Instance::serialize`] writes others. Changes of
-    /// their fields are seen.
+    /// The version of the header and of the order of the parts, to be raised when [`Instance::serialize`] changes. The
+    /// layouts of the parts follow from their fields.
     const VERSION: u128 = 12;
     state_layout(&[("", "", VERSION), ("", "", Lifecycle::LAYOUT), ("", "", model)]) as u32
 }

@@ -152,7 +152,7 @@ pub(crate) struct StepResults {
 }
 
 impl StepResults {
-    /// Those of a step without events that ended at the given time.
+    /// The results of a step without events that ended at the given time.
     #[inline(always)]
     pub(crate) fn plain(last_successful_time: f64) -> Self {
         Self { event_handling_needed: false, early_return: false, last_successful_time }
@@ -186,7 +186,7 @@ pub(crate) struct Stepping {
 }
 
 impl Stepping {
-    /// Begins a step; fails with what it returns if no step is to be taken.
+    /// Begins a step; fails with the result of the call if no step is to be taken.
     pub(crate) fn begin(
         instance: &mut Instance,
         time: f64,
@@ -359,8 +359,8 @@ fn passed(status: Status) -> Result<(), Status> {
 }
 
 impl Instance {
-    /// The status of a step of which a part was not taken, though others were: what the model refuses
-    /// is discarded, as the instance is no longer where the step began.
+    /// The status of a step that failed after the first of its parts. A refusal becomes a discard, as the instance is
+    /// no longer where the step began.
     fn fail_part(&mut self, status: Status) -> Status {
         if status == Status::Error && self.shared.lifecycle.state == State::StepMode {
             self.enter(State::StepFailed);

@@ -71,7 +71,7 @@ impl Instance {
         self.check_announced(references)?;
         let elements = self.element_references(references, n)?;
         let needs_evaluation = self.model.has_derivatives(references);
-        let saved = self.prepare(needs_evaluation)?;
+        let saved = self.prepare_values(needs_evaluation)?;
         let got = self.get_elements(of_type, &elements, put);
         if let Some(saved) = saved {
             self.model.assign(saved.as_ref());

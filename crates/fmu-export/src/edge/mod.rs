@@ -4,9 +4,10 @@
 //! [`fmi2`] and [`fmi3`] are the C interfaces. Their entry points are made from the rows of `fmi-abi`: a row
 //! becomes a function that converts its arguments, checks the state, and calls the method of the instance that
 //! has the name of the row's operation. Most of these methods belong to the instance itself; the edges add
-//! those whose arguments are of C, in this file and in [`state`] if both versions have them.
+//! those whose arguments are of C, in this file and in [`fmu_state`] if both versions have them. The entry points for
+//! get, set and step are written out, and call the functions in [`fast`](crate::fast).
 //!
-//! [`wasm`] is the interface of WebAssembly components. It is there if the target is, in place of the names in C.
+//! `wasm` is the interface of WebAssembly components. It is there if the target is, in place of the names in C.
 
 use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -119,7 +120,7 @@ macro_rules! apply {
 pub mod fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
 pub mod fmi3;
-mod state;
+mod fmu_state;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
 

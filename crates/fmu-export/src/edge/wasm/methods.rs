@@ -213,7 +213,7 @@ unsafe extern "C" fn set_debug_logging(
     })
 }
 
-/// Does what has other arguments in C, by a method of the instance.
+/// Performs an operation whose arguments differ from C, by a method of the instance.
 ///
 /// # Safety
 /// The host's promise: an instance that is not used otherwise.
@@ -347,7 +347,7 @@ unsafe extern "C" fn get_output_derivatives(
     }
 }
 
-/// FMI 3.0 has no such function in C; it is that of FMI 2.0.
+/// FMI 3.0 has no such function in C, but FMI 2.0 has.
 #[unsafe(no_mangle)]
 unsafe extern "C" fn set_input_derivatives(
     instance: Pointer,
