@@ -133,7 +133,7 @@ impl Unit {
         };
         let power = exponent.parse::<i8>().ok().filter(|p| (-9..=9).contains(p));
         let power = sign * power.ok_or_else(unknown)?;
-        let (exponents, scale) = find(symbol).ok_or_else(unknown)?;
+        let (exponents, scale) = symbol_with_prefix(symbol).ok_or_else(unknown)?;
         for (sum, exponent) in self.exponents.iter_mut().zip(exponents) {
             *sum += exponent * power;
         }
@@ -149,7 +149,7 @@ impl Unit {
 }
 
 /// The exponents and the factor of a symbol with an optional prefix.
-fn find(symbol: &str) -> Option<([i8; 8], f64)> {
+fn symbol_with_prefix(symbol: &str) -> Option<([i8; 8], f64)> {
     let exact = SYMBOLS.iter().find(|(name, ..)| *name == symbol);
     if let Some((_, exponents, factor, _)) = exact {
         return Some((*exponents, *factor));

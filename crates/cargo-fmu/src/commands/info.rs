@@ -23,11 +23,11 @@ const MAX_ITEMS: usize = 2000;
 /// Maximum number of bytes that are read of the terminals.
 const MAX_TERMINALS: u64 = 64 << 20;
 
-/// An interface type: its element, its title, its flags, and its numbers.
-type Interface = [&'static str; 4];
+/// The attributes of an interface type: its element, its title, its flags, and its numbers.
+type InterfaceAttributes = [&'static str; 4];
 
 /// The interface types of FMI 2.0.5 (sections 3.3.1 and 4.3.1); both have the flags in `COMMON_2`.
-const OF_FMI_2: [Interface; 2] = [
+const INTERFACES_2: [InterfaceAttributes; 2] = [
     ["ModelExchange", "model exchange", "completedIntegratorStepNotNeeded", ""],
     [
         "CoSimulation",
@@ -41,7 +41,7 @@ const COMMON_2: &str = "needsExecutionTool canBeInstantiatedOnlyOncePerProcess \
      providesDirectionalDerivative";
 
 /// The interface types of FMI 3.0 (sections 2.4.2, 3.4 and 4.4); all have the flags in `COMMON_3`.
-const OF_FMI_3: [Interface; 3] = [
+const INTERFACES_3: [InterfaceAttributes; 3] = [
     [
         "ModelExchange",
         "model exchange",
@@ -97,7 +97,7 @@ pub fn run(args: &InfoArgs, out: &mut impl Write) -> Result<()> {
 /// Opens an FMU and reads its model description.
 fn inspect<R>(
     file: &Path,
-    use_it: impl FnOnce(&ModelDescription<'_>, &mut Archive) -> Result<R>,
+    read: impl FnOnce(&ModelDescription<'_>, &mut Archive) -> Result<R>,
 ) -> Result<R> {
     let (mut archive, text) = open(file).map_err(|error| about(file, &error))?;
     let cannot = |error: Error| {
@@ -106,21 +106,21 @@ fn inspect<R>(
     };
     let root = xml::parse(&text).map_err(cannot)?;
     let model = ModelDescription::read(&root).map_err(cannot)?;
-    use_it(&model, &mut archive)
+    read(&model, &mut archive)
 }
 
 /// The flags of all interface types of a version, and the interface types.
-fn of_version(version: FmiVersion) -> (&'static str, &'static [Interface]) {
+fn interface_attributes(version: FmiVersion) -> (&'static str, &'static [InterfaceAttributes]) {
     match version {
-        FmiVersion::Fmi2 => (COMMON_2, &OF_FMI_2),
-        FmiVersion::Fmi3 => (COMMON_3, &OF_FMI_3),
+        FmiVersion::Fmi2 => (COMMON_2, &INTERFACES_2),
+        FmiVersion::Fmi3 => (COMMON_3, &INTERFACES_3),
     }
 }
 
 fn print(model: &ModelDescription<'_>, archive: &mut Archive, out: &mut impl Write) -> Result<()> {
     header(model, archive, out)?;
-    let (common, of_version) = of_version(model.version);
-    interfaces(model, common, of_version, out)?;
+    let (common, attributes) = interface_attributes(model.version);
+    interfaces(model, common, attributes, out)?;
     variables(model, out)?;
     enumerations(model, out)?;
     let document = archive.head(TERMINALS, MAX_TERMINALS);
@@ -201,7 +201,7 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
 fn interfaces(
     model: &ModelDescription<'_>,
     common: &str,
-    interfaces: &[Interface],
+    interfaces: &[InterfaceAttributes],
     out: &mut impl Write,
 ) -> Result<()> {
     for [name, title, flags, numbers] in interfaces {

@@ -10,7 +10,7 @@ use fmu_description::{ModelDescription, Value as Start, XmlVariable};
 use fmu_file::archive::{Archive, TERMINALS};
 use serde_json::{Map, Value, json};
 
-use super::{MAX_TERMINALS, MEMBERS, contents, inspect, of_version};
+use super::{MAX_TERMINALS, MEMBERS, contents, inspect, interface_attributes};
 
 /// Prints an object; of several FMUs, an array of objects.
 ///
@@ -27,7 +27,7 @@ pub fn print(files: &[PathBuf], out: &mut impl Write) -> Result<()> {
 }
 
 fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Value {
-    let (common, interfaces) = of_version(model.version);
+    let (common, interfaces) = interface_attributes(model.version);
     let interfaces = interfaces.iter().filter_map(|[name, _, flags, numbers]| {
         let element = model.root.child(name)?;
         let mut object = attributes(element);
