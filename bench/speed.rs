@@ -137,7 +137,7 @@ fn network<const N: usize>() -> Rbf<N> {
 fn loading(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("loading");
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/fmu/PidRbf.fmu");
-    let description = Description::of_fmu(&file).unwrap();
+    let description = Description::read_fmu(&file).unwrap();
     group.bench_function("open", |b| b.iter(|| Plan::new(&description).unwrap()));
     group.finish();
 }

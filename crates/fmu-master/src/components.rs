@@ -89,7 +89,7 @@ fn open(
 ) -> Result<Arc<Fmu>> {
     if let Some(function) = &component.function {
         let variables = function.variables(&component.name, system.step)?;
-        return Ok(Arc::new(Fmu::of_function(&component.fmu, function, variables)));
+        return Ok(Arc::new(Fmu::from_function(&component.fmu, function, variables)));
     }
     let key = (component.fmu.clone(), component.interface, sizes);
     if let Some(fmu) = fmus.get(&key) {

@@ -65,7 +65,11 @@ pub(crate) type Sizes = BTreeMap<String, i128>;
 
 impl Fmu {
     /// A function with these variables; the path stands for it in messages.
-    pub(crate) fn of_function(path: &Path, function: &Function, variables: Vec<Variable>) -> Self {
+    pub(crate) fn from_function(
+        path: &Path,
+        function: &Function,
+        variables: Vec<Variable>,
+    ) -> Self {
         let names = variables.iter().map(|variable| variable.name.clone());
         Self {
             path: path.to_owned(),

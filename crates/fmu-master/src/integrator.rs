@@ -205,12 +205,12 @@ impl ComponentEquations<'_, '_> {
     /// Evaluates the equations for the states that the FMU has.
     fn evaluate_here(&mut self, time: f64) -> IntegrationResult {
         let mut states = vec![0.0; self.integrator.nominals.len()];
-        self.states_of(&mut states)?;
+        self.read_states(&mut states)?;
         self.evaluate(time, &states)?;
         Ok(())
     }
 
-    fn states_of(&mut self, states: &mut [f64]) -> IntegrationResult {
+    fn read_states(&mut self, states: &mut [f64]) -> IntegrationResult {
         match states.is_empty() {
             true => Ok(()),
             false => (self.recorded).call_with_warning(Operation::States, |instance| {
@@ -228,7 +228,7 @@ impl OdeSystem for ComponentEquations<'_, '_> {
     }
 
     fn states(&mut self, states: &mut [f64]) -> IntegrationResult {
-        self.states_of(states)
+        self.read_states(states)
     }
 
     fn evaluate(&mut self, time: f64, states: &[f64]) -> IntegrationResult<bool> {

@@ -91,6 +91,16 @@ impl SystemSource {
         compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
         warn: &mut dyn FnMut(&str),
     ) -> Result<(Plan, Vec<StartValue>)> {
+        let plan = self.load(compute, warn)?;
+        let starts = plan.start_values(&self.overrides.sets)?;
+        Ok((plan, starts))
+    }
+
+    fn load(
+        &self,
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<Plan> {
         let mut description = match &self.text {
             Some(text) => Description::parse_unsaved(text, &self.file)?,
             None => Description::open(&self.file)?,
@@ -108,7 +118,7 @@ impl SystemSource {
                 Some(function);
         }
         let plan = Plan::new(&description).map_err(|error| self.locate(error))?;
-        plan.set(description, &self.overrides.sets)
+        plan.resized(description, &self.overrides.sets)
     }
 
     /// Adds the system file to an error, and the line unless the value may come from an override.
@@ -149,7 +159,7 @@ impl LoadedSystem {
         system.overrides.sets = starts;
         let plan = match last {
             Some(plan) => plan,
-            None => system.plan(compute, warn)?.0,
+            None => system.load(compute, warn)?,
         };
         let (system, plan) = self.0.insert((system, plan));
         Ok((plan, plan.start_values(&system.overrides.sets)?))

@@ -91,47 +91,46 @@ impl Plan {
         })
     }
 
-    /// Start values by `component.variable`, for [`Plan::simulate`]. Those of structural parameters,
-    /// which are sizes of arrays, make another plan of the description.
+    /// The plan of the description with those of these start values, by `component.variable`, that are sizes of arrays;
+    /// [`Plan::start_values`] resolves the others.
     ///
     /// # Errors
-    /// There is no such variable, or a value has the wrong type.
-    pub fn set(
-        mut self,
+    /// A size does not fit.
+    pub fn resized(
+        self,
         mut description: Description,
-        sets: &[(String, Literal)],
-    ) -> Result<(Self, Vec<StartValue>)> {
-        let sizes = self.sizes(sets);
-        if !sizes.is_empty() {
-            for (name, literal) in sizes {
-                let name = self.components.unquoted(name);
-                let (component, variable) = self.components.split(&name)?;
-                let starts = &mut description.components[component].start;
-                starts.insert(variable.to_owned(), literal.clone());
-            }
-            self = Self::new(&description)?;
+        starts: &[(String, Literal)],
+    ) -> Result<Self> {
+        let sizes = self.sizes(starts);
+        if sizes.is_empty() {
+            return Ok(self);
         }
-        let starts = self.start_values(sets)?;
-        Ok((self, starts))
+        for (name, literal) in sizes {
+            let name = self.components.unquoted(name);
+            let (component, variable) = self.components.split(&name)?;
+            let starts = &mut description.components[component].start;
+            starts.insert(variable.to_owned(), literal.clone());
+        }
+        Self::new(&description)
     }
 
-    /// The start values in a list for [`Plan::set`] that make another plan: those of structural parameters, and with
-    /// them those of arrays, whose sizes may differ from the ones in the description.
-    pub fn sizes<'a>(&self, sets: &'a [(String, Literal)]) -> Vec<&'a (String, Literal)> {
-        if !sets.iter().any(|(name, _)| self.is_structural(name)) {
+    /// The start values in a list that make another plan: those of structural parameters, and with them those of arrays,
+    /// whose sizes may differ from the ones in the description.
+    pub fn sizes<'a>(&self, starts: &'a [(String, Literal)]) -> Vec<&'a (String, Literal)> {
+        if !starts.iter().any(|(name, _)| self.is_structural(name)) {
             return Vec::new();
         }
         let is_size =
             |name: &str, literal: &Literal| self.is_structural(name) || literal.is_array();
-        sets.iter().filter(|(name, literal)| is_size(name, literal)).collect()
+        starts.iter().filter(|(name, literal)| is_size(name, literal)).collect()
     }
 
-    /// The other start values in such a list, for [`Plan::simulate`].
+    /// The start values in a list, for [`Plan::simulate`], except for those of structural parameters.
     ///
     /// # Errors
-    /// As [`Plan::set`].
-    pub fn start_values(&self, sets: &[(String, Literal)]) -> Result<Vec<StartValue>> {
-        let others = sets.iter().filter(|(name, _)| !self.is_structural(name));
+    /// As [`Plan::start`].
+    pub fn start_values(&self, starts: &[(String, Literal)]) -> Result<Vec<StartValue>> {
+        let others = starts.iter().filter(|(name, _)| !self.is_structural(name));
         others.map(|(name, literal)| self.start(name, literal)).collect()
     }
 

@@ -84,7 +84,7 @@ impl Names {
     /// # Errors
     /// The file is not a valid FMU with this interface and a binary for this machine.
     pub fn open(setup: &Setup) -> Result<Self> {
-        let mut description = Description::of_fmu(&setup.file)?;
+        let mut description = Description::read_fmu(&setup.file)?;
         description.tolerance = setup.tolerance;
         let component = &mut description.components[0];
         component.interface = setup.interface;

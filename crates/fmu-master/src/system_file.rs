@@ -18,7 +18,7 @@ impl Description {
     /// # Errors
     /// As for both.
     pub fn open(file: &Path) -> Result<Self> {
-        if is_fmu(file) { Self::of_fmu(file) } else { Self::read(file) }
+        if is_fmu(file) { Self::read_fmu(file) } else { Self::read(file) }
     }
 
     /// Reads a TOML file, or a package (.ssp) or system (.ssd) of SSP; resolves the paths of the FMUs against
@@ -72,7 +72,7 @@ impl Description {
     ///
     /// # Errors
     /// The file cannot be read or is not an FMU.
-    pub fn of_fmu(file: &Path) -> Result<Self> {
+    pub fn read_fmu(file: &Path) -> Result<Self> {
         let declared = Declarations::read(file);
         let declared = declared.with_context(|| format!("{} cannot be used", file.display()))?;
         let [start, stop, step] = declared.experiment;

@@ -48,7 +48,7 @@ pub struct SimulateArgs {
 fn results(file: &str) -> Result<PathBuf, &'static str> {
     let file = PathBuf::from(file);
     let is_device = !file.as_os_str().is_empty() && file.extension().is_none();
-    let is_table = is_device || Format::of(&file).is_some();
+    let is_table = is_device || Format::from_name(&file).is_some();
     is_table.then_some(file).ok_or("expected a name that ends in .csv or .parquet")
 }
 

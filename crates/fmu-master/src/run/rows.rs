@@ -38,7 +38,8 @@ impl Rows {
         ensure!(!path.is_dir(), "{} is a folder", path.display());
         let mut columns = vec![Column::new("time", "s", Type::Float64)];
         columns.extend_from_slice(recorded);
-        let is_parquet = Format::of(path) == Some(Format::Parquet) && part_file(path).is_some();
+        let is_parquet =
+            Format::from_name(path) == Some(Format::Parquet) && part_file(path).is_some();
         let mut rows = Self {
             path: path.to_owned(),
             part: Replacement::partial(path)?,

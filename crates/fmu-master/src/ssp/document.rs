@@ -43,11 +43,11 @@ pub fn check(structure: &str) -> Result<()> {
 }
 
 /// The units that a structure defines.
-pub fn units_of(structure: &Element<'_>) -> Units {
+pub fn defined_units(structure: &Element<'_>) -> Units {
     units(structure.list(vocabulary::UNITS, vocabulary::UNIT), vocabulary::BASE_UNIT)
 }
 
 /// The outermost system of a structure.
-pub fn system_of<'a>(structure: &'a Element<'a>) -> Result<&'a Element<'a>> {
+pub fn outermost_system<'a>(structure: &'a Element<'a>) -> Result<&'a Element<'a>> {
     structure.child(vocabulary::SYSTEM).context("it has no system")
 }

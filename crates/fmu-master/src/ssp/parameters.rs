@@ -9,8 +9,8 @@ use fmu_description::xml::Element;
 use super::document::document;
 use super::system::{ConnectorPath, DefinedUnit, FlatSystem, IncomingConnection, Passage, join};
 use super::vocabulary::{self, MAPPING, PARAMETER_SET};
+use crate::Literal;
 use crate::declarations::units;
-use crate::{Conversion, Literal};
 
 impl FlatSystem<'_> {
     /// Sets the values of a binding.
@@ -27,7 +27,7 @@ impl FlatSystem<'_> {
         let entries = entries.map(|entries| {
             let mut targets: HashMap<String, Vec<(String, IncomingConnection)>> = HashMap::new();
             for (target, link) in entries {
-                targets.entry(link.from.1.clone()).or_default().push((target, link));
+                targets.entry(link.from.name.clone()).or_default().push((target, link));
             }
             targets
         });
@@ -37,8 +37,8 @@ impl FlatSystem<'_> {
             let name = parameter.attribute("name").unwrap_or_default();
             let (value, unit) = read(parameter).with_context(|| format!("parameter {name}"))?;
             let name = format!("{}{name}", binding.attribute("prefix").unwrap_or_default());
-            let unit = self.stated(unit, &own, &name);
-            let from = (String::new(), name.clone());
+            let unit = self.stated_unit(unit, &own, &name);
+            let from = ConnectorPath::new("", &name);
             let unmapped =
                 [(name.clone(), IncomingConnection { from, ..IncomingConnection::default() })];
             // A mapping leaves out all that it does not name.
@@ -94,9 +94,9 @@ impl FlatSystem<'_> {
         value: &Literal,
         unit: Option<&DefinedUnit>,
     ) -> Result<()> {
-        let passage = Passage { unit: unit.cloned(), scale: None };
+        let passage = Passage { unit: unit.cloned(), conversion: None };
         let mut targets = Vec::new();
-        match self.find(path, target) {
+        match self.find_target(path, target) {
             Some(port) => self.follow(passage, link, &port, &mut targets)?,
             None => {
                 let target = join(path, target);
@@ -104,16 +104,14 @@ impl FlatSystem<'_> {
                     .push(format!("the parameter {target} has no variable, and is ignored"));
             }
         }
-        for ((component, variable), scale) in targets {
-            let value = match (value, scale) {
+        for (ConnectorPath { element, name }, conversion) in targets {
+            let value = match (value, conversion) {
                 (value, None) => value.clone(),
-                (Literal::Real(value), Some(Conversion { factor, offset })) => {
-                    Literal::Real(factor * value + offset)
-                }
+                (Literal::Real(value), Some(conversion)) => Literal::Real(conversion.apply(*value)),
                 _ => bail!("only a Real can be transformed"),
             };
-            if let Some(Some(index)) = self.elements.get(&component) {
-                self.components[*index].start.insert(variable, value);
+            if let Some(Some(index)) = self.elements.get(&element) {
+                self.components[*index].start.insert(name, value);
             }
         }
         Ok(())
@@ -121,8 +119,8 @@ impl FlatSystem<'_> {
 
     /// The variable of a component, or the connector of a system, with this name in the element `path` or in one
     /// of its elements.
-    fn find(&self, path: &str, name: &str) -> Option<ConnectorPath> {
-        let port = (path.to_owned(), name.to_owned());
+    fn find_target(&self, path: &str, name: &str) -> Option<ConnectorPath> {
+        let port = ConnectorPath::new(path, name);
         if self.is_component(path) {
             let array = name.split('[').next().unwrap_or_default();
             let is_known = self.model(path).is_none_or(|model| {
@@ -136,7 +134,7 @@ impl FlatSystem<'_> {
         let mut splits = name.match_indices('.').map(|(at, _)| name.split_at(at));
         splits.find_map(|(head, rest)| {
             let path = join(path, head);
-            self.elements.contains_key(&path).then(|| self.find(&path, &rest[1..]))?
+            self.elements.contains_key(&path).then(|| self.find_target(&path, &rest[1..]))?
         })
     }
 }
@@ -145,7 +143,7 @@ impl FlatSystem<'_> {
 fn entry(element: &Element<'_>) -> Result<(String, IncomingConnection)> {
     let attribute = |name| element.attribute(name).unwrap_or_default().to_owned();
     let source = attribute("source");
-    let link = IncomingConnection::new((String::new(), source.clone()), element);
+    let link = IncomingConnection::new(ConnectorPath::new("", &source), element);
     Ok((attribute("target"), link.with_context(|| format!("mapping of {source}"))?))
 }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use fmu_description::xml::Element;
 
-use super::document::{document, system_of, units_of};
+use super::document::{defined_units, document, outermost_system};
 use super::system::FlatSystem;
 use super::vocabulary::{self, EXPERIMENT, OMS_INFORMATION, OMS_MASTER, OSP_FIXED_STEP};
 use crate::package::{StructureFile, SystemOrigin, with_package_names};
@@ -35,8 +35,8 @@ pub fn read(file: &Path) -> Result<Description> {
 fn describe(opened: &mut Vec<StructureFile>) -> Result<Description> {
     let text = opened[0].structure()?;
     let root = document(&text, vocabulary::STRUCTURE)?;
-    let mut system = FlatSystem::new(opened, units_of(&root));
-    system.add(system_of(&root)?, "")?;
+    let mut system = FlatSystem::new(opened, defined_units(&root));
+    system.add(outermost_system(&root)?, "")?;
     let connections = system.connections()?;
     let experiment = root.child(EXPERIMENT);
     let time =

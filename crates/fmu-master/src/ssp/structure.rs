@@ -1,4 +1,4 @@
-//! `SystemStructure.ssd`: the description of a system in SSP terms.
+//! `SystemStructure.ssd`: the description of a system in SSP definitions.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -27,7 +27,7 @@ pub fn document(
 ) -> Result<String> {
     let Experiment { start, stop, step } = plan.experiment;
     let sides = Vec::from_iter(plan.components.iter().map(sides));
-    let mut terms = Definitions::default();
+    let mut definitions = Definitions::default();
     let components = plan.components.iter().enumerate().map(|(index, planned)| {
         let (name, place) = (&identifiers[index], &places[index]);
         let implementation = match planned.integrates() {
@@ -39,9 +39,12 @@ pub fn document(
             .with("type", vocabulary::FMU_TYPE)
             .with("source", place)
             .with("implementation", implementation)
-            .listing(vocabulary::CONNECTORS, connectors(&sides[index], &planned.fmu, &mut terms))
+            .listing(
+                vocabulary::CONNECTORS,
+                connectors(&sides[index], &planned.fmu, &mut definitions),
+            )
             .holding(area(index, &sides[index]))
-            .listing(vocabulary::BINDINGS, bindings(planned, &mut terms))
+            .listing(vocabulary::BINDINGS, bindings(planned, &mut definitions))
     });
     let components = components.collect();
     let connections = plan.connections.iter().map(|connection| {
@@ -86,8 +89,8 @@ pub fn document(
         .with("description", format!("communication step {step} s"))
         .with("generationTool", tool)
         .holding(system)
-        .listing("ssd:Enumerations", terms.enumerations())
-        .listing(vocabulary::UNITS, terms.units())
+        .listing("ssd:Enumerations", definitions.enumerations())
+        .listing(vocabulary::UNITS, definitions.units())
         .holding(experiment)
         .document()
 }
@@ -114,7 +117,11 @@ fn sides(component: &LoadedComponent) -> Sides<'_> {
     [0, 1, 2].map(|side| all.iter().filter(|v| is_on(side, v)).collect())
 }
 
-fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Definitions) -> Vec<Element<'static>> {
+fn connectors(
+    sides: &Sides<'_>,
+    fmu: &Fmu,
+    definitions: &mut Definitions,
+) -> Vec<Element<'static>> {
     let mut connectors = Vec::new();
     for (side, kind) in ["input", "output", "parameter"].into_iter().enumerate() {
         for (index, variable) in sides[side].iter().enumerate() {
@@ -124,7 +131,7 @@ fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Definitions) -> Vec<Elem
             let connector = Element::new(vocabulary::CONNECTOR)
                 .with("name", &variable.name)
                 .with("kind", kind)
-                .holding(terms.of(fmu, variable, None))
+                .holding(definitions.type_or_value(fmu, variable, None))
                 .holding(geometry.with("x", x).with("y", y));
             connectors.push(connector);
         }
@@ -133,13 +140,11 @@ fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Definitions) -> Vec<Elem
 }
 
 /// The start values, stored in the component itself, where all tools read them.
-fn bindings(component: &LoadedComponent, terms: &mut Definitions) -> Vec<Element<'static>> {
+fn bindings(component: &LoadedComponent, definitions: &mut Definitions) -> Vec<Element<'static>> {
     let parameters = component.starts().map(|(variable, value)| {
-        Element::new(vocabulary::PARAMETER).with("name", &variable.name).holding(terms.of(
-            &component.fmu,
-            variable,
-            Some(value),
-        ))
+        Element::new(vocabulary::PARAMETER)
+            .with("name", &variable.name)
+            .holding(definitions.type_or_value(&component.fmu, variable, Some(value)))
     });
     let parameters = Vec::from_iter(parameters);
     if parameters.is_empty() {
@@ -220,7 +225,12 @@ impl Definitions {
     }
 
     /// The type of a variable, or its value.
-    fn of(&mut self, fmu: &Fmu, variable: &Variable, value: Option<&Value>) -> Element<'static> {
+    fn type_or_value(
+        &mut self,
+        fmu: &Fmu,
+        variable: &Variable,
+        value: Option<&Value>,
+    ) -> Element<'static> {
         let (of_type, of_value, term) = match variable.of_type {
             Type::Boolean => ("ssc:Boolean", vocabulary::BOOLEAN_VALUE, None),
             Type::String => ("ssc:String", vocabulary::STRING_VALUE, None),

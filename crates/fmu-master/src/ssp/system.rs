@@ -14,14 +14,29 @@ use crate::declarations::{Declarations, Units};
 use crate::package::StructureFile;
 use crate::{Component, Connection, Conversion, InterfaceType};
 
-/// A connector: the path of its element, which is empty for the outermost system, and its name.
-pub type ConnectorPath = (String, String);
+/// The path of the element of a connector, which is empty for the outermost system, and the name of the connector.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ConnectorPath {
+    pub element: String,
+    pub name: String,
+}
+
+impl ConnectorPath {
+    pub fn new(element: impl Into<String>, name: impl Into<String>) -> Self {
+        Self { element: element.into(), name: name.into() }
+    }
+
+    /// The path with the name.
+    pub fn full(&self) -> String {
+        join(&self.element, &self.name)
+    }
+}
 
 /// What feeds a connector, and how its value is converted.
 #[derive(Default)]
 pub struct IncomingConnection {
     pub from: ConnectorPath,
-    pub scale: Option<Conversion>,
+    pub conversion: Option<Conversion>,
     /// Whether units are not converted.
     pub is_plain: bool,
 }
@@ -30,7 +45,7 @@ pub struct IncomingConnection {
 #[derive(Clone, Default)]
 pub struct Passage {
     pub unit: Option<DefinedUnit>,
-    pub scale: Option<Conversion>,
+    pub conversion: Option<Conversion>,
 }
 
 /// A unit and its definition in base units.
@@ -93,7 +108,7 @@ impl<'a> FlatSystem<'a> {
         let of_type = element.attribute("type").unwrap_or(vocabulary::FMU_TYPE);
         let is_file = element.name == COMPONENT && vocabulary::SYSTEM_TYPES.contains(&of_type);
         let index = match element.name {
-            COMPONENT if !is_file => Some(self.component(element, path)?),
+            COMPONENT if !is_file => Some(self.add_component(element, path)?),
             COMPONENT | SYSTEM => None,
             other => bail!("line {}: {other} is not supported", element.line),
         };
@@ -101,14 +116,14 @@ impl<'a> FlatSystem<'a> {
         ensure!(is_new, "line {}: two elements have the name {path}", element.line);
         if is_file {
             let source = element.attribute("source").unwrap_or_default();
-            self.file(source, path)
+            self.add_file(source, path)
                 .with_context(|| format!("{}: component {path}", line(element)))?;
         }
         self.add_parts(element, path)
     }
 
     /// Adds the system of another package or structure.
-    fn file(&mut self, source: &str, path: &str) -> Result<()> {
+    fn add_file(&mut self, source: &str, path: &str) -> Result<()> {
         const MOST: usize = 100;
         ensure!(self.opened.len() <= MOST, "there are more than {MOST} packages in packages");
         let opened = StructureFile::open(&self.path(source)?).with_context(|| source.to_owned())?;
@@ -118,8 +133,8 @@ impl<'a> FlatSystem<'a> {
         let add = || {
             let text = text?;
             let root = document::document(&text, vocabulary::STRUCTURE)?;
-            let units = std::mem::replace(&mut self.units, document::units_of(&root));
-            self.add_parts(document::system_of(&root)?, path)?;
+            let units = std::mem::replace(&mut self.units, document::defined_units(&root));
+            self.add_parts(document::outermost_system(&root)?, path)?;
             self.units = units;
             anyhow::Ok(())
         };
@@ -145,7 +160,7 @@ impl<'a> FlatSystem<'a> {
 
     fn add_parts(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
         for connector in element.list(vocabulary::CONNECTORS, vocabulary::CONNECTOR) {
-            self.connector(connector, path).with_context(|| line(connector))?;
+            self.add_connector(connector, path).with_context(|| line(connector))?;
         }
         for child in element.child(vocabulary::ELEMENT_LIST).iter().flat_map(|l| &l.children) {
             let name = child.attribute("name").filter(|name| !name.is_empty());
@@ -154,7 +169,7 @@ impl<'a> FlatSystem<'a> {
             self.add(child, &join(path, name))?;
         }
         for connection in element.list(vocabulary::CONNECTIONS, vocabulary::CONNECTION) {
-            self.connection(connection, path).with_context(|| line(connection))?;
+            self.add_connection(connection, path).with_context(|| line(connection))?;
         }
         for binding in element.list(vocabulary::BINDINGS, vocabulary::BINDING) {
             self.bind(binding, path).with_context(|| line(binding))?;
@@ -162,7 +177,7 @@ impl<'a> FlatSystem<'a> {
         Ok(())
     }
 
-    fn component(&mut self, element: &Element<'_>, path: &str) -> Result<usize> {
+    fn add_component(&mut self, element: &Element<'_>, path: &str) -> Result<usize> {
         let mut read = || {
             let of_type = element.attribute("type").unwrap_or(vocabulary::FMU_TYPE);
             ensure!(
@@ -187,7 +202,7 @@ impl<'a> FlatSystem<'a> {
         Ok(self.components.len() - 1)
     }
 
-    fn connector(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
+    fn add_connector(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
         let name = element.attribute("name").unwrap_or_default();
         let is_output = match element.attribute("kind").unwrap_or_default() {
             "input" | "parameter" => false,
@@ -195,22 +210,22 @@ impl<'a> FlatSystem<'a> {
             kind => bail!("the kind {kind:?} of the connector {name} is not supported"),
         };
         let unit = element.child(vocabulary::REAL).and_then(|real| real.attribute("unit"));
-        let unit = self.stated(unit, &self.units, &join(path, name));
+        let unit = self.stated_unit(unit, &self.units, &join(path, name));
         // A component that is a package repeats the connectors of its system.
-        let port = (path.to_owned(), name.to_owned());
+        let port = ConnectorPath::new(path, name);
         self.connectors.entry(port).or_insert(Connector { is_output, unit });
         Ok(())
     }
 
     /// Start and end do not say in which direction values flow, but the kinds of the connectors.
-    fn connection(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
+    fn add_connection(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
         let end = |of: &str, name: &str| {
             let of = element.attribute(of).filter(|of| !of.is_empty());
             let owner = of.map_or_else(|| path.to_owned(), |of| join(path, of));
-            let port = (owner, element.attribute(name).unwrap_or_default().to_owned());
+            let port = ConnectorPath::new(owner, element.attribute(name).unwrap_or_default());
             let connector = self.connectors.get(&port);
-            let connector = connector
-                .with_context(|| format!("there is no connector {}", join(&port.0, &port.1)))?;
+            let connector =
+                connector.with_context(|| format!("there is no connector {}", port.full()))?;
             // Seen from inside, an input of the system itself is a source.
             anyhow::Ok((connector.is_output == of.is_some(), port))
         };
@@ -220,15 +235,15 @@ impl<'a> FlatSystem<'a> {
             ((true, from), (false, to)) | ((false, to), (true, from)) => (from, to),
             ((is_source, a), (_, b)) => {
                 let what = if is_source { "give" } else { "take" };
-                let (a, b) = (join(&a.0, &a.1), join(&b.0, &b.1));
+                let (a, b) = (a.full(), b.full());
                 bail!("{a} and {b} are connected, but both {what} values")
             }
         };
         let link = IncomingConnection::new(from, element)?;
-        if !self.is_component(&link.from.0) {
+        if !self.is_component(&link.from.element) {
             self.fed.entry(link.from.clone()).or_default().insert(to.clone());
         }
-        let name = join(&to.0, &to.1);
+        let name = to.full();
         ensure!(self.links.insert(to, link).is_none(), "{name} is connected twice");
         Ok(())
     }
@@ -237,15 +252,15 @@ impl<'a> FlatSystem<'a> {
     /// is not connected.
     pub fn connections(&self) -> Result<Vec<Connection>> {
         let mut connections = Vec::new();
-        for (to, link) in self.links.iter().filter(|(_, l)| self.is_component(&l.from.0)) {
-            let from = join(&link.from.0, &link.from.1);
-            let passage = Passage { unit: self.unit(&link.from), scale: None };
+        for (to, link) in self.links.iter().filter(|(_, l)| self.is_component(&l.from.element)) {
+            let from = link.from.full();
+            let passage = Passage { unit: self.connector_unit(&link.from), conversion: None };
             let mut targets = Vec::new();
             self.follow(passage, link, to, &mut targets)?;
-            connections.extend(targets.into_iter().map(|(to, scale)| Connection {
+            connections.extend(targets.into_iter().map(|(to, conversion)| Connection {
                 from: from.clone(),
-                to: join(&to.0, &to.1),
-                conversion: scale,
+                to: to.full(),
+                conversion,
                 faults: Vec::new(),
             }));
         }
@@ -262,14 +277,14 @@ impl<'a> FlatSystem<'a> {
     ) -> Result<()> {
         let mut rest = vec![(passage, link, to)];
         while let Some((passage, link, port)) = rest.pop() {
-            let passage = self.pass(passage, link, port)?;
-            if self.is_component(&port.0) {
-                targets.push((port.clone(), passage.scale));
+            let passage = self.convert(passage, link, port)?;
+            if self.is_component(&port.element) {
+                targets.push((port.clone(), passage.conversion));
                 continue;
             }
             for next in self.fed.get(port).into_iter().flatten().rev() {
                 // One connector feeds each other one, so only the first can be met again.
-                ensure!(next != to, "{} feeds itself", join(&to.0, &to.1));
+                ensure!(next != to, "{} feeds itself", to.full());
                 rest.push((passage.clone(), &self.links[next], next));
             }
         }
@@ -282,7 +297,7 @@ impl<'a> FlatSystem<'a> {
 
     /// Whether there is such a connector of a system.
     pub fn has_connector(&self, port: &ConnectorPath) -> bool {
-        self.connectors.contains_key(port) && !self.is_component(&port.0)
+        self.connectors.contains_key(port) && !self.is_component(&port.element)
     }
 
     /// The FMU of a component.
@@ -291,10 +306,10 @@ impl<'a> FlatSystem<'a> {
     }
 
     /// The unit of this name for what `of` names; an empty one is none.
-    pub fn stated(&self, unit: Option<&str>, units: &Units, of: &str) -> Option<DefinedUnit> {
+    pub fn stated_unit(&self, unit: Option<&str>, units: &Units, of: &str) -> Option<DefinedUnit> {
         let unit = unit?;
         if unit.is_empty() {
-            self.undefined(unit, of);
+            self.warn_undefined(unit, of);
             return None;
         }
         let definition = units.get(unit).or_else(|| self.units.get(unit)).cloned();
@@ -302,14 +317,14 @@ impl<'a> FlatSystem<'a> {
     }
 
     /// Warns of a unit.
-    fn undefined(&self, unit: &str, of: &str) {
+    fn warn_undefined(&self, unit: &str, of: &str) {
         let text = format!("the unit {unit:?} of {of} is not defined, and is taken as none");
         self.undefined.borrow_mut().insert(text);
     }
 
     /// The unit of a connector; by default, or if it is not defined, the unit of the variable.
-    fn unit(&self, port: &ConnectorPath) -> Option<DefinedUnit> {
-        let model = self.model(&port.0);
+    fn connector_unit(&self, port: &ConnectorPath) -> Option<DefinedUnit> {
+        let model = self.model(&port.element);
         let defined = |name: &String, definition: &Option<_>| DefinedUnit {
             definition: definition.clone().or_else(|| model?.units.get(name).cloned()),
             name: name.clone(),
@@ -319,37 +334,37 @@ impl<'a> FlatSystem<'a> {
         if stated.as_ref().is_some_and(|unit| unit.definition.is_some()) {
             return stated;
         }
-        let of_variable = model.and_then(|model| model.variables.get(&port.1)?.as_ref());
+        let of_variable = model.and_then(|model| model.variables.get(&port.name)?.as_ref());
         let of_variable = of_variable.map(|name| defined(name, &self.units.get(name).cloned()));
         if let (Some(DefinedUnit { name, .. }), Some(other)) = (&stated, &of_variable)
             && *name != other.name
         {
-            self.undefined(name, &join(&port.0, &port.1));
+            self.warn_undefined(name, &port.full());
         }
         of_variable.or(stated)
     }
 
-    fn pass(
+    fn convert(
         &self,
         passage: Passage,
         link: &IncomingConnection,
         to: &ConnectorPath,
     ) -> Result<Passage> {
-        let mut unit = self.unit(to);
+        let mut unit = self.connector_unit(to);
         let same = Some(Conversion { factor: 1.0, offset: 0.0 });
         let mut conversion = None;
         if let (Some(from), Some(into)) = (&passage.unit, &unit)
             && from.name != into.name
         {
-            let name = join(&to.0, &to.1);
+            let name = to.full();
             if link.is_plain {
                 conversion = same;
             } else if into.definition.is_none() {
-                self.undefined(&into.name, &name);
+                self.warn_undefined(&into.name, &name);
                 conversion = same;
                 unit = None;
             } else if from.definition.is_none() {
-                self.undefined(&from.name, &format!("what feeds {name}"));
+                self.warn_undefined(&from.name, &format!("what feeds {name}"));
                 conversion = same;
             } else {
                 let converted = from.conversion(into);
@@ -357,8 +372,8 @@ impl<'a> FlatSystem<'a> {
             }
         }
         // The transformation is of the value in the unit of the target.
-        let scale = then(then(passage.scale, conversion), link.scale);
-        Ok(Passage { unit: unit.or(passage.unit), scale })
+        let conversion = combine(combine(passage.conversion, conversion), link.conversion);
+        Ok(Passage { unit: unit.or(passage.unit), conversion })
     }
 }
 
@@ -386,7 +401,7 @@ impl DefinedUnit {
 }
 
 /// One conversion after another.
-fn then(first: Option<Conversion>, second: Option<Conversion>) -> Option<Conversion> {
+fn combine(first: Option<Conversion>, second: Option<Conversion>) -> Option<Conversion> {
     match (first, second) {
         (Some(a), Some(b)) => {
             Some(Conversion { factor: b.factor * a.factor, offset: b.factor * a.offset + b.offset })
@@ -402,17 +417,17 @@ impl IncomingConnection {
         if let Some(other) = element.children.iter().find(is_other) {
             bail!("{} is not supported, expected LinearTransformation", other.name);
         }
-        let scale = element.child(vocabulary::LINEAR).map(|linear| {
+        let conversion = element.child(vocabulary::LINEAR).map(|linear| {
             let part = |name, default| match linear.has(name) {
                 true => linear.real(name).filter(|part| part.is_finite()),
                 false => Some(default),
             };
-            let scale = part("factor", 1.0).zip(part("offset", 0.0));
-            let scale = scale.map(|(factor, offset)| Conversion { factor, offset });
-            scale.context("the factor and offset of a transformation must be finite numbers")
+            let conversion = part("factor", 1.0).zip(part("offset", 0.0));
+            let conversion = conversion.map(|(factor, offset)| Conversion { factor, offset });
+            conversion.context("the factor and offset of a transformation must be finite numbers")
         });
         let is_plain = element.is_true("suppressUnitConversion");
-        Ok(Self { from, scale: scale.transpose()?, is_plain })
+        Ok(Self { from, conversion: conversion.transpose()?, is_plain })
     }
 }
 

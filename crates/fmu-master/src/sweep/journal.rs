@@ -297,7 +297,7 @@ impl Journal {
 /// Checks that a table can be written to a file of this name; returns its format.
 fn check(file: &Path) -> Result<Format> {
     let name = file.display();
-    let format = Format::of(file)
+    let format = Format::from_name(file)
         .with_context(|| format!("{name}: expected a file named .csv or .parquet"))?;
     ensure!(!file.is_dir(), "{name} is a folder, expected a file");
     let folder = file.parent().unwrap_or(Path::new(""));

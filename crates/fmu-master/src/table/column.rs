@@ -124,7 +124,7 @@ pub enum Format {
 
 impl Format {
     /// The format of a file name, `.csv` or `.parquet`; `None` if it has another extension.
-    pub fn of(file: &Path) -> Option<Self> {
+    pub fn from_name(file: &Path) -> Option<Self> {
         match &*file.extension()?.to_str()?.to_ascii_lowercase() {
             "csv" => Some(Self::Csv),
             "parquet" => Some(Self::Parquet),

@@ -26,7 +26,7 @@ pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
 }
 
 fn read_as(file: &Path, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
-    match Format::of(file) {
+    match Format::from_name(file) {
         Some(Format::Parquet) => parquet::read(file),
         _ => parse(&fs::read_to_string(file)?, value),
     }
