@@ -24,7 +24,7 @@ pub struct LoadedComponent {
     pub fmu: Arc<Fmu>,
     /// Whether its outputs after a step belong to the sample taken at the start of the step.
     pub(crate) sampled: bool,
-    /// Whether `sampled` follows from its outputs, as the description does not say.
+    /// Whether `sampled` follows from its outputs, because the description does not have it.
     pub(crate) is_guess: bool,
     /// The relative tolerance of its solver.
     pub(crate) tolerance: Option<f64>,

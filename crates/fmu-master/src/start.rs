@@ -1,14 +1,18 @@
 //! Start values: from the literal of the user to the FMU.
 //!
 //! 1. A [`Literal`] comes from a system file or package ([`Component::start`](crate::Component)), from `--set` or Python
-//!    ([`Overrides::sets`](crate::Overrides)), or from a sweep, with the name of a variable.
-//! 2. [`scalar_literals`] finds the variable in the model description: one scalar, or all elements of an array, each with
+//!    ([`Overrides::sets`](crate::Overrides)), or from a sweep. The component is known, or
+//!    [`Components::split`](crate::Components::split) finds it by the name `component.variable`.
+//! 2. [`scalar_literals`] finds the variable in the model description: a scalar, or all elements of an array, each with
 //!    its literal.
-//! 3. [`ScalarLiteral::start_value`] checks that the scalar has a start value, and gives it as a [`Value`] of its type.
-//!    Those of the description stay in the [`LoadedComponent`](crate::LoadedComponent), those of a run are
-//!    [`StartValue`]s, which [`Plan::start`](crate::Plan::start) makes.
-//! 4. [`ComponentStarts`] are the start values of one component in one run, which
-//!    [`ComponentInstance::set_up`](crate::component_instance::ComponentInstance::set_up) sets on the FMU.
+//! 3. [`ScalarLiteral::start_value`] checks that the scalar has a start value, and makes the literal a [`Value`] of its
+//!    type. A start value of the description stays in its [`LoadedComponent`](crate::LoadedComponent); one of a run is a
+//!    [`StartValue`], which [`Plan::start`](crate::Plan::start) makes.
+//! 4. [`ComponentStarts`] joins both for one component in one run, and
+//!    [`ComponentInstance::set_up`](crate::component_instance::ComponentInstance::set_up) sets them on the FMU.
+//!
+//! Structural parameters come first, as they change the variables that there are: [`sizes`] resolves them when the FMU is
+//! opened.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashSet};

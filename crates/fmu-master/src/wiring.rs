@@ -82,7 +82,7 @@ pub(crate) struct InputSource {
 /// Outputs of one component and type that feed another component.
 pub(crate) struct FeedingOutputs {
     pub(crate) component: usize,
-    /// The type whose functions get the outputs, and the one that does.
+    /// The type whose functions get the outputs, and this function.
     pub(crate) access_type: Type,
     pub(crate) get: Option<Function>,
     pub(crate) outputs: AccessList,
