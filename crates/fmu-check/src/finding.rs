@@ -46,14 +46,14 @@ impl Location {
     }
 
     /// The line of an element in a file.
-    pub fn of(file: &str, element: &Element<'_>) -> Self {
+    pub fn in_file(file: &str, element: &Element<'_>) -> Self {
         Self { line: Some(element.line), ..file.into() }
     }
 }
 
 impl From<&Element<'_>> for Location {
     fn from(element: &Element<'_>) -> Self {
-        Self::of(MODEL_DESCRIPTION, element)
+        Self::in_file(MODEL_DESCRIPTION, element)
     }
 }
 
@@ -183,15 +183,15 @@ impl Findings {
 
     /// Number of errors.
     pub fn errors(&self) -> usize {
-        self.count(Severity::Error)
+        self.number_of(Severity::Error)
     }
 
     /// Number of warnings.
     pub fn warnings(&self) -> usize {
-        self.count(Severity::Warning)
+        self.number_of(Severity::Warning)
     }
 
-    fn count(&self, severity: Severity) -> usize {
+    fn number_of(&self, severity: Severity) -> usize {
         let groups = self.groups.iter();
         let groups = groups.filter(|group| group.rule.severity == severity);
         groups.map(|group| group.count).sum()

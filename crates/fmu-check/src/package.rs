@@ -266,7 +266,7 @@ impl<'a> Files<'a> {
 
     /// Checks `buildDescription.xml`.
     fn build(&mut self, document: &Element<'_>) {
-        let at = |element| Location::of(BUILD_FILE, element);
+        let at = |element| Location::in_file(BUILD_FILE, element);
         let identifiers = self.identifiers();
         let mut platforms = HashSet::new();
         for configuration in document.children("BuildConfiguration") {
@@ -290,7 +290,7 @@ impl<'a> Files<'a> {
 
     /// Checks a set of source files, and what it is compiled with.
     fn source_set(&mut self, set: &Element<'_>) {
-        let at = |element| Location::of(BUILD_FILE, element);
+        let at = |element| Location::in_file(BUILD_FILE, element);
         for kind in ["SourceFile", "PreprocessorDefinition", "IncludeDirectory"] {
             let mut names = HashSet::new();
             for element in set.children(kind) {
@@ -318,7 +318,7 @@ impl<'a> Files<'a> {
 
     /// Checks `terminalsAndIcons.xml`.
     fn terminals(&mut self, document: &Element<'_>) {
-        let at = |element| Location::of(TERMINALS_FILE, element);
+        let at = |element| Location::in_file(TERMINALS_FILE, element);
         let root = self.model.root;
         let [expected, found] = [root, document].map(|root| root.attribute("fmiVersion"));
         if let (Some(expected), Some(found)) = (expected, found) {
@@ -349,7 +349,7 @@ impl<'a> Files<'a> {
         let mut names = HashSet::new();
         for terminal in parent.children("Terminal") {
             if let Some(name) = terminal.attribute("name") {
-                require!(self.findings, "terminal-unique" at Location::of(TERMINALS_FILE, terminal),
+                require!(self.findings, "terminal-unique" at Location::in_file(TERMINALS_FILE, terminal),
                     !name.is_empty() && names.insert(name),
                     "the name of the terminal is {}, expected a unique, non-empty name", quote(name));
             }
@@ -357,7 +357,7 @@ impl<'a> Files<'a> {
             for graphical in terminal.children("TerminalGraphicalRepresentation") {
                 if let Some(base) = graphical.attribute("iconBaseName") {
                     let path = archive::relative(&format!("{ICONS}/{base}.png"));
-                    require!(self.findings, "icon-exists" at Location::of(TERMINALS_FILE, graphical),
+                    require!(self.findings, "icon-exists" at Location::in_file(TERMINALS_FILE, graphical),
                         path.is_ok_and(|path| self.names.contains(&path)),
                         "iconBaseName is {}, expected a PNG file of that name in {ICONS}", quote(base));
                 }
@@ -390,7 +390,7 @@ type Causalities<'a> = HashMap<&'a str, &'a str>;
 /// Checks the members of a terminal: that each is a variable with a causality that a member of a known kind may
 /// have, and that names are unique if they are matched.
 fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut Findings) {
-    let at = |element: &Element<'_>| Location::of(TERMINALS_FILE, element);
+    let at = |element: &Element<'_>| Location::in_file(TERMINALS_FILE, element);
     let variable = |member: &Element<'_>, attribute, is_known: bool, findings: &mut Findings| {
         let Some(name) = member.attribute(attribute) else { return };
         let shown = quote(name);

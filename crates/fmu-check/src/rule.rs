@@ -29,7 +29,7 @@ pub struct Rule {
     pub id: &'static str,
     /// Severity of its findings.
     pub severity: Severity,
-    /// What it requires, in one sentence.
+    /// The requirement, in one sentence.
     pub text: &'static str,
     /// Where it is written: in sections of FMI 2.0.5, FMI 3.0.2 or both, separated by a semicolon; or the reason for a
     /// rule that is not in the standard, such as an importer that relies on it.

@@ -50,7 +50,7 @@ struct Document<'a> {
 /// Checks a file of an FMU against its schema.
 pub fn check(file: &str, root: &Element<'_>, schema: &Schema, findings: &mut Findings) {
     if root.name != schema.root {
-        return find!(findings, "root-element" at Location::of(file, root),
+        return find!(findings, "root-element" at Location::in_file(file, root),
             "the root is {}, expected {}", quote(root.name), schema.root);
     }
     let mut document = Document { file, schema, findings };
@@ -67,7 +67,7 @@ impl Document<'_> {
         for name in names().chain([element.name]) {
             let is_declared =
                 name.split_once(':').is_none_or(|(prefix, _)| declared.contains(&prefix));
-            require!(self.findings, "prefix-declared" at Location::of(self.file, element), is_declared,
+            require!(self.findings, "prefix-declared" at Location::in_file(self.file, element), is_declared,
                 "the prefix of {} is not declared, expected an attribute xmlns for it", quote(name));
         }
         for child in &element.children {
@@ -77,7 +77,7 @@ impl Document<'_> {
 
     fn element(&mut self, element: &Element<'_>, of: &str) {
         let Some(of) = self.schema.types.get(of) else { return };
-        let (at, name) = (|| Location::of(self.file, element), element.name);
+        let (at, name) = (|| Location::in_file(self.file, element), element.name);
         if of.content == "everything" {
             return;
         }
@@ -95,7 +95,7 @@ impl Document<'_> {
     }
 
     fn attributes(&mut self, element: &Element<'_>, of: &Type) {
-        let (at, of_element) = (|| Location::of(self.file, element), element.name);
+        let (at, of_element) = (|| Location::in_file(self.file, element), element.name);
         for (name, form, is_required) in &of.attributes {
             match element.attribute(name) {
                 None => require!(self.findings, "attribute-required" at at(), !is_required,
@@ -133,7 +133,7 @@ impl Document<'_> {
         let mut counts = vec![0_usize; parts.len()];
         let mut reached = 0;
         for child in &parent.children {
-            let (at, name) = (Location::of(self.file, child), child.name);
+            let (at, name) = (Location::in_file(self.file, child), child.name);
             let found = parts.iter().enumerate().find_map(|(index, part)| {
                 let (_, of) = part.choice.iter().find(|(choice, _)| *choice == name)?;
                 Some((index, *of))
@@ -153,7 +153,7 @@ impl Document<'_> {
             self.element(child, of);
         }
         for (part, count) in parts.iter().zip(counts) {
-            require!(self.findings, "element-required" at Location::of(self.file, parent),
+            require!(self.findings, "element-required" at Location::in_file(self.file, parent),
                 count >= part.at_least,
                 "{parent_name} holds no {}, expected one", names(std::slice::from_ref(part)));
         }
@@ -182,7 +182,7 @@ struct Type {
     attributes: Vec<(&'static str, &'static str, bool)>,
     /// Whether it may have further attributes.
     has_more: bool,
-    /// What it holds instead of a sequence: `one`, `mixed` or `everything`.
+    /// The content instead of a sequence: `one`, `mixed` or `everything`.
     content: &'static str,
     sequence: Vec<Part>,
 }
@@ -207,19 +207,19 @@ impl Schema {
         definitions.retain(|words| !words.is_empty());
         let all = definitions.iter().map(|words| (words[0], &words[1..]));
         let all: HashMap<_, _> = all.collect();
-        let types = all.iter().map(|(name, words)| (*name, Type::of(words, &all)));
+        let types = all.iter().map(|(name, words)| (*name, Type::new(words, &all)));
         Self { root: definitions.first().map_or("", |words| words[0]), types: types.collect() }
     }
 }
 
 impl Type {
-    fn of(words: &[&'static str], all: &HashMap<&str, &[&'static str]>) -> Self {
+    fn new(words: &[&'static str], all: &HashMap<&str, &[&'static str]>) -> Self {
         let mut found = Self::default();
         let mut parts = words.splitn(2, |word| *word == ">");
         for word in parts.next().unwrap_or_default() {
             match all.get(word).filter(|_| word.starts_with('@')) {
                 Some(words) => {
-                    let more = Self::of(words, all);
+                    let more = Self::new(words, all);
                     found.attributes.extend(more.attributes);
                     found.has_more |= more.has_more;
                 }
@@ -263,7 +263,7 @@ fn sequence(words: &[&'static str]) -> Vec<Part> {
     parts
 }
 
-/// What was expected, if a text does not have the form of this name.
+/// The expectation, if a text does not have the form of this name.
 fn unfit(text: &str, form: &str) -> Option<String> {
     let list = form.strip_prefix('[').and_then(|form| form.strip_suffix(']'));
     if let Some(form) = list {

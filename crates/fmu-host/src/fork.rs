@@ -1,4 +1,4 @@
-//! What tells a process from one that was forked from it.
+//! Tells a process from the processes that were forked from it.
 
 #[cfg(target_os = "linux")]
 use std::ffi::{c_int, c_void};

@@ -146,7 +146,7 @@ macro_rules! measure {
     ($arg:ident $kind:tt) => {};
 }
 
-/// What is passed to the function.
+/// The C argument for an argument in Rust.
 macro_rules! c_value {
     ($arg:ident [in $(?)? $type:ident; $n:ident]) => {
         $arg.as_ptr().cast()

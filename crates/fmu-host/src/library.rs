@@ -22,7 +22,7 @@ use crate::sandbox::{self, Compiled};
 pub struct Library {
     pub(crate) binary: Binary,
     pub(crate) version: FmiVersion,
-    /// Those of its version. All are empty if calls are traced, which then take the slow path, so that the
+    /// The functions of the version. All are empty if calls are traced: the calls then take the slow path, so that the
     /// fast path has no overhead.
     pub(crate) fmi2: fmi2::Functions,
     pub(crate) fmi3: fmi3::Functions,
@@ -33,7 +33,7 @@ pub struct Library {
 /// Where the functions of a library are.
 pub(crate) enum Binary {
     Native(libloading::Library),
-    /// They are functions of this program.
+    /// The functions are part of this program.
     Function,
     #[cfg(feature = "sandbox")]
     Component(Box<Compiled>),
@@ -57,7 +57,7 @@ impl Binary {
     }
 }
 
-/// What traces the calls of a library.
+/// The observer of the calls of a library.
 struct Trace {
     /// Receives the name of each function before it is called.
     tell: Box<dyn Fn(&'static str) + Send + Sync>,
@@ -232,7 +232,7 @@ impl Library {
     pub(crate) fn outcome(&self, function: &'static str, status: c_int) -> Result {
         match status {
             0 => Ok(Success::Ok),
-            other => self.not_ok(function, Status::of(self.version, other)),
+            other => self.not_ok(function, Status::in_version(self.version, other)),
         }
     }
 

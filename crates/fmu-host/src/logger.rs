@@ -125,7 +125,7 @@ pub(crate) unsafe extern "C" fn log_3(
         let (category, text) = unsafe { (text(category), text(message)) };
         LogMessage {
             instance: None,
-            status: Status::of(FmiVersion::Fmi3, status),
+            status: Status::in_version(FmiVersion::Fmi3, status),
             category,
             text: unescaped(&text.unwrap_or_default()),
         }

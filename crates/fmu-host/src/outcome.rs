@@ -21,7 +21,7 @@ pub enum Status {
 
 impl Status {
     /// The status that a function of a version returned; FMI 3.0 does not have `Pending`.
-    pub(crate) fn of(version: FmiVersion, status: c_int) -> Self {
+    pub(crate) fn in_version(version: FmiVersion, status: c_int) -> Self {
         match (version, status.into()) {
             (FmiVersion::Fmi3, Self::Pending) => Self::Unknown(status),
             (_, status) => status,
@@ -71,11 +71,11 @@ pub enum Success {
 pub struct Failure {
     /// The function of FMI.
     pub function: &'static str,
-    /// What went wrong.
+    /// The cause.
     pub cause: Cause,
 }
 
-/// What went wrong in a call.
+/// The cause of a failed call.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cause {
     /// The binary does not have the function.
@@ -109,7 +109,7 @@ impl Failure {
         Self { function, cause }
     }
 
-    /// What went wrong, with the names of the version of FMI that has the function: `returned fmi3Error`.
+    /// The cause in words, with the names of the version of FMI that has the function: `returned fmi3Error`.
     pub fn outcome(&self) -> String {
         let outcome = self.cause.to_string();
         match self.cause {
@@ -160,5 +160,5 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
-/// What a call returns.
+/// The result of a call.
 pub type Result<T = Success> = std::result::Result<T, Failure>;

@@ -97,11 +97,11 @@ impl<V> Access<V> {
     }
 }
 
-/// What every step of an instance accesses.
+/// The variables that every step of an instance accesses.
 pub(crate) struct Quick {
     pub(crate) set: Access<*const f64>,
     pub(crate) get: Access<*mut f64>,
-    /// The number of values in a list that has those of both; `usize::MAX` if a function is not known.
+    /// The number of values in a list of both inputs and outputs; `usize::MAX` if a function is not known.
     pub(crate) values: usize,
 }
 

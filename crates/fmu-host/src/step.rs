@@ -95,7 +95,7 @@ impl Instance {
         }
     }
 
-    /// Makes the calls of a step, with inputs in a list of their own or that of the outputs: sets variables, takes the
+    /// Makes the calls of a step, with inputs in a list of their own or in the list of the outputs: sets variables, takes the
     /// step and gets variables, until one is not plainly successful. Calls `begin` with the number of each, from 0,
     /// before it. Returns how many were made, and the result of the last one: none if the lists are too short or a
     /// function must be looked up.

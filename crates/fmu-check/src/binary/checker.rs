@@ -53,16 +53,16 @@ pub const MEMORY: u64 = 4 << 30;
 const GRACE: Duration = Duration::from_secs(2);
 pub const WORK: &str = "work";
 
-/// What a test has found.
+/// A finding of a test.
 pub struct ProbeFinding {
     rule: &'static Rule,
     text: String,
-    /// What is the same if other tests find what has the same cause.
+    /// The key that findings of other tests with the same cause have, too.
     cause: String,
     is_crash: bool,
 }
 
-/// What a process has replied, and how it ended.
+/// The replies of a process, and how it ended.
 #[derive(Default)]
 struct ProbeOutcome {
     found: Vec<ProbeFinding>,

@@ -124,7 +124,7 @@ pub fn real_range(variable: &XmlVariable<'_>) -> (f64, f64) {
     )
 }
 
-/// Whether the XML allows a value: a number in its range, or that of an item.
+/// Whether the XML allows a value: a number in its range, or the number of an item.
 pub fn allows(variable: &XmlVariable<'_>, value: &Value) -> bool {
     let mut items = variable.items().iter();
     match value.as_whole() {

@@ -179,7 +179,7 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
     Ok(())
 }
 
-/// What no test can test of what an FMU has. Quick tests leave out most of what it can do anyway.
+/// The parts of an FMU that no test covers. Quick tests leave out most abilities of an FMU anyway.
 pub fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
     let has = |test: fn(&XmlVariable<'_>) -> bool| model.variables().any(|(_, v)| test(v));
     let interfaces = [model.co_simulation(), model.model_exchange()];

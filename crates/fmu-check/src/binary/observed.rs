@@ -13,7 +13,7 @@ use crate::rules::is_clocked;
 
 /// Maximum number of values that a run records; longer runs record fewer points.
 const MAX_VALUES: usize = 1 << 21;
-/// Maximum number of elements of an array that is tested, and of those of an input that change in a run.
+/// Maximum number of elements of an array that is tested, and of elements of an input that change in a run.
 pub const MAX_ELEMENTS: usize = 1 << 16;
 
 /// Gets `n` values of variables of one type. A Boolean that is neither 0 nor 1 stays a number.
@@ -127,7 +127,7 @@ impl<'a> Observed<'a> {
         Ok(row)
     }
 
-    /// Sets the variables to the values of a row, those of one type in one call.
+    /// Sets the variables to the values of a row, with one call for each type.
     pub fn write(&self, instance: &mut Instance, row: &Row) -> fmu_host::Result {
         let mut at = 0;
         for (of_type, references, n) in &self.parts {
@@ -190,7 +190,7 @@ impl<'a> Observed<'a> {
 }
 
 impl Difference<'_> {
-    /// The one that is seen first.
+    /// The difference that is seen first.
     pub fn first(all: &[Self]) -> Option<&Self> {
         all.iter().min_by(|a, b| a.time.total_cmp(&b.time))
     }

@@ -15,14 +15,14 @@ macro_rules! check {
     ($subject:expr, $rule:literal: $condition:expr, $($text:tt)+) => {
         match $condition {
             true => {}
-            false => $subject.report.find($crate::rule::rule!($rule), format!($($text)+)),
+            false => $subject.report.add_finding($crate::rule::rule!($rule), format!($($text)+)),
         }
     };
 }
 pub(super) use check;
 
 /// Where findings and the progress of the test go.
-pub struct Report {
+pub struct Reporter {
     version: FmiVersion,
     interface_type: InterfaceType,
     record: Record,
@@ -30,7 +30,7 @@ pub struct Report {
     service: Mutex<Service>,
 }
 
-impl Report {
+impl Reporter {
     pub fn new(service: Service, version: FmiVersion, interface_type: InterfaceType) -> Self {
         Self {
             version,
@@ -60,7 +60,7 @@ impl Report {
         self.record.stage(&self.in_version(text.as_ref()));
     }
 
-    pub fn find(&self, rule: &Rule, text: impl AsRef<str>) {
+    pub fn add_finding(&self, rule: &Rule, text: impl AsRef<str>) {
         let text = self.in_version(text.as_ref()).replace(['\n', '\r'], " ");
         self.reply(&Reply::Found(rule.id.to_owned(), text));
     }

@@ -1,4 +1,4 @@
-//! The FMU under test, and runs of it, in the child process.
+//! Runs of the FMU under test, in the worker process.
 
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ const MAX_ROUNDS: usize = 1000;
 /// In model exchange, every how many steps there is an event.
 pub const EVENT_EVERY: usize = 10;
 
-/// What the solver needs, besides what belongs to the state of the run.
+/// The memory of the solver, apart from the state of the run.
 #[derive(Default)]
 pub struct Solver {
     pub workspace: Option<Workspace>,
@@ -32,7 +32,7 @@ pub struct Solver {
 
 pub struct Run<'a> {
     pub(crate) subject: &'a Subject<'a>,
-    /// What differs from other runs.
+    /// How the run differs from the usual run.
     pub setup: Setup<'a>,
     pub instance: Instance,
     pub position: Position,
@@ -309,7 +309,7 @@ impl<'a> Run<'a> {
     /// Reports the first finding of a rule in this run, unless a condition holds.
     fn expect(&mut self, rule: &'static Rule, condition: bool, text: impl FnOnce() -> String) {
         if !condition && self.reported.insert(rule.id) {
-            self.subject.report.find(rule, text());
+            self.subject.report.add_finding(rule, text());
         }
     }
 
@@ -514,7 +514,7 @@ pub fn is_refusal(error: &anyhow::Error) -> bool {
 }
 
 impl<'a> Subject<'a> {
-    /// The usual run, which others are compared with.
+    /// The usual run, with which the other runs are compared.
     pub fn usual(&'a self) -> Result<&'a Trajectory> {
         if let Some(usual) = self.usual.get() {
             return Ok(usual);

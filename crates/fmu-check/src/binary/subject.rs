@@ -14,7 +14,7 @@ use fmu_host::{Instance, Instantiation, InterfaceType, Library, Status, Treatmen
 
 use crate::binary::excitation::{EXCITATIONS, Input, inputs};
 use crate::binary::observed::{Observed, Trajectory, is_tested, observed, readable};
-use crate::binary::report::{Report, lock};
+use crate::binary::report::{Reporter, lock};
 use crate::binary::task::{FMU, Task};
 use crate::binary::vocabulary::claims;
 use crate::rules::is_continuous;
@@ -35,12 +35,12 @@ pub struct Subject<'a> {
     pub stop: Option<f64>,
     /// Its duration, which is 1 s if it has no stop time.
     pub span: f64,
-    /// Its step size in s; if there is none, the one that FMPy would choose.
+    /// Its step size in s, or the step size that FMPy would choose.
     pub step: f64,
     /// Relative differences up to this come from the FMU's solver, which has its tolerance.
     pub tolerance: f64,
     /// Where findings and the progress of the test go.
-    pub report: &'a Arc<Report>,
+    pub report: &'a Arc<Reporter>,
     /// The variables that the FMU computes and that can be compared between runs.
     pub observed: Observed<'a>,
     pub inputs: Vec<Input<'a>>,
@@ -76,7 +76,7 @@ pub struct LogCounts {
     pub misnamed: usize,
 }
 
-/// What varies between runs of the same FMU.
+/// The differences between runs of the same FMU.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup<'a> {
     pub name: &'a str,
@@ -114,7 +114,7 @@ impl<'a> Subject<'a> {
         task: &'a Task,
         model: &'a ModelDescription<'a>,
         library: &'a Arc<Library>,
-        report: &'a Arc<Report>,
+        report: &'a Arc<Reporter>,
     ) -> Result<Self> {
         let element = model.root.child(&task.interface);
         let start = model.experiment("startTime").filter(|t| t.is_finite());
@@ -146,8 +146,8 @@ impl<'a> Subject<'a> {
             report,
             observed: observed(model, &task.ignored),
             inputs: inputs(model),
-            states: count(model, &model.derivatives),
-            indicators: in_2.max(count(model, &model.event_indicators)),
+            states: element_count(model, &model.derivatives),
+            indicators: in_2.max(element_count(model, &model.event_indicators)),
             usual: task.usual.clone().map_or_else(OnceLock::new, OnceLock::from),
             is_used: AtomicBool::new(false),
             has_clocks: !clocks.is_empty(),
@@ -316,7 +316,7 @@ impl<'a> Subject<'a> {
 }
 
 /// Number of elements of the variables in a list.
-fn count(model: &ModelDescription<'_>, unknowns: &[Unknown<'_>]) -> usize {
+fn element_count(model: &ModelDescription<'_>, unknowns: &[Unknown<'_>]) -> usize {
     let variables = unknowns.iter().map(|u| model.variable(u.index));
     variables.map(|v| v.map_or(1, |v| v.element_count())).sum()
 }

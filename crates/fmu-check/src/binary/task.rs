@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::binary::observed::{Row, Trajectory};
 
-/// The folder of the unpacked FMU in the session, and the one with the working directories of the tests.
+/// The folder of the unpacked FMU in the session, and the folder with the working directories of the tests.
 pub const FMU: &str = "fmu";
 
-/// What a test process is to do.
+/// The task of a test process.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Task {
     pub probe: String,
@@ -33,7 +33,7 @@ pub struct Task {
     pub is_alone: bool,
     /// Names of variables that are not observed.
     pub ignored: HashSet<String>,
-    /// The rows of the usual run, if the process cannot have an instance for it besides that of the test.
+    /// The rows of the usual run, if the process cannot have an instance for it besides the instance of the test.
     pub usual: Option<Trajectory>,
 }
 
@@ -46,7 +46,7 @@ impl Task {
     }
 }
 
-/// What the process replies, in any number and order until it is done.
+/// A reply of the process. It sends any number, in any order, until it is done.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum Reply {
     /// The name of a rule, and what breaks it.

@@ -12,7 +12,7 @@ use fmu_host::Library;
 use fmu_worker::Service;
 
 use crate::binary::probes::Probe;
-use crate::binary::report::Report;
+use crate::binary::report::Reporter;
 use crate::binary::subject::Subject;
 use crate::binary::task::{FMU, Reply, Task};
 use crate::rule::rule;
@@ -34,7 +34,7 @@ pub fn run() -> Result<()> {
     let text = std::fs::read_to_string(task.session.join(MODEL_DESCRIPTION))?;
     let root = xml::parse(&text)?;
     let model = ModelDescription::read(&root)?;
-    let report = Arc::new(Report::new(service, model.version, task.interface_type()));
+    let report = Arc::new(Reporter::new(service, model.version, task.interface_type()));
     let probe = Probe::named(&task.probe)?;
     let folder = task.session.join(FMU);
     let trace = Arc::clone(&report);
@@ -53,7 +53,7 @@ pub fn run() -> Result<()> {
         match lacking(&text).filter(|name| !is_in(&folder, name)) {
             Some(name) if library.is_err() => {
                 let text = format!("this machine lacks {name}, which it needs; no binary was run");
-                report.find(rule!("binary-not-run"), text);
+                report.add_finding(rule!("binary-not-run"), text);
             }
             _ => report.fail(probe.rule, &text),
         }

@@ -20,7 +20,7 @@ use crate::rule::{Rule, rule};
 /// A model description that is checked.
 pub struct Check<'a> {
     model: &'a ModelDescription<'a>,
-    /// The indices of the states: of the variables that others are the derivatives of.
+    /// The indices of the states: the variables of which other variables are derivatives.
     states: HashSet<usize>,
     findings: &'a mut Findings,
 }
@@ -80,7 +80,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// What refers to a variable, for messages.
+    /// The element that refers to a variable, for messages.
     fn reference(&self) -> String {
         match self.model.version {
             FmiVersion::Fmi2 => {

@@ -20,10 +20,10 @@ pub const MAX_INPUTS: usize = 100;
 /// Steps before the inputs of a run are changed.
 pub const WARM_UP: usize = 15;
 
-/// A known, and its index if it is a state.
+/// A known variable of a derivative, and its index if it is a state.
 pub type Known<'a> = (&'a XmlVariable<'a>, Option<usize>);
 
-/// What is allowed to depend directly on what, by the XML.
+/// The variables on which each variable may depend directly, by the XML.
 pub struct Dependencies<'a>(HashMap<&'a str, HashSet<&'a str>>);
 
 impl<'a> Dependencies<'a> {
@@ -41,7 +41,7 @@ impl<'a> Dependencies<'a> {
         Self(outputs.collect())
     }
 
-    /// Those of outputs and derivatives of states, after initialization.
+    /// The dependencies of outputs and of derivatives of states, after initialization.
     pub fn in_run(subject: &Subject<'a>) -> Self {
         Self::new(subject, subject.model.outputs.iter().chain(&subject.model.derivatives))
     }

@@ -13,7 +13,7 @@ use crate::binary::report::check;
 use crate::binary::run::Run;
 use crate::binary::subject::{SKIP, Subject};
 
-/// What is read twice is the same, and derivatives belong to the states.
+/// Values that are read twice are the same, and derivatives belong to the states.
 pub fn events(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::begin(subject, subject.setup())?;
     let [first, second] = [run.event_indicators()?, run.event_indicators()?];
@@ -114,7 +114,7 @@ pub fn check_count(
     Ok(())
 }
 
-/// What must hold in continuous-time mode: solvers go back in time, derivatives follow the inputs at
+/// The requirements of continuous-time mode: solvers go back in time, derivatives follow the inputs at
 /// once, and discrete variables do not change.
 fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     let discrete = subject.group(subject.observed.variables().filter(|v| is_discrete(v)));

@@ -25,7 +25,7 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
     let missing = subject.library.missing(subject.interface_type);
     for name in &missing {
         let text = format!("the function {name} is missing, expected it in the library");
-        subject.report.find(rule!("loads"), text);
+        subject.report.add_finding(rule!("loads"), text);
     }
     if !missing.is_empty() {
         return Ok(());
@@ -215,7 +215,7 @@ pub fn process(subject: &Subject<'_>) -> Result<()> {
     for ((rule, what, old), (_, _, new)) in before.into_iter().zip(properties()) {
         if old != new {
             let text = format!("{what} is {new} after a run, expected {old} as before");
-            subject.report.find(rule, text);
+            subject.report.add_finding(rule, text);
         }
     }
     check!(subject, "arithmetic": is_arithmetic_usual() == was_usual,

@@ -84,7 +84,7 @@ pub fn input_events(subject: &Subject<'_>) -> Result<()> {
     };
     subject.report.stage("when an input jumps");
     pair.compare().ok().context(SKIP)?.map_or(Ok(()), |text| {
-        subject.report.find(rule!("input-events"), text);
+        subject.report.add_finding(rule!("input-events"), text);
         Ok(())
     })
 }
@@ -120,7 +120,7 @@ impl<'a> Pair<'a> {
         Ok(None)
     }
 
-    /// What jumps: inputs, and the parameters that can be set in a run.
+    /// The variables that jump: inputs, and parameters that can be set in a run.
     fn knowns(&self) -> impl Iterator<Item = &'a XmlVariable<'a>> {
         let known = |v: &&XmlVariable<'_>| {
             v.causality == Causality::Input || v.variability == Variability::Tunable
@@ -315,7 +315,7 @@ impl Runs<'_> {
 /// The jumps of a variable: by several sizes in both directions, or to other values near the start value.
 fn jumps<'a>(variable: &'a XmlVariable<'a>) -> Vec<Jump<'a>> {
     const SIZES: [f64; 5] = [1.0, -1.0, 3.0, -3.0, 0.3];
-    /// The other jump is a little smaller, for what depends on the size.
+    /// The other jump is a little smaller, for effects that depend on the size.
     const AGAIN: f64 = 0.96;
     if !variable.of_type.is_float() {
         let others = other_values(variable).into_iter();

@@ -99,7 +99,7 @@ impl<'a> Refused<'a> {
         if !self.accepted.is_empty() {
             let calls = self.accepted.join("; ");
             let text = format!("these calls returned fmi2OK, expected fmi2Error: {calls}");
-            self.subject.report.find(rule, text);
+            self.subject.report.add_finding(rule, text);
         }
         Ok(())
     }

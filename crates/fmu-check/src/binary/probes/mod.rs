@@ -32,27 +32,27 @@ pub struct Probe {
     pub rule: &'static Rule,
     /// The error is a finding.
     test: fn(&Subject<'_>) -> Result<()>,
-    /// What else is to know about it.
+    /// The properties of the test.
     traits: &'static [Trait],
 }
 
-/// What is special about a test.
+/// A property of a test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Trait {
-    /// It is one of the quick tests.
+    /// The test belongs to the quick tests.
     Quick,
     /// Its calls are those that hosts must not make; if they crash, that is no error of the FMU.
     Misuse,
     /// If the process crashes, hangs or ends, that breaks the same rule.
     Own,
-    /// It takes a few seconds at most.
+    /// The test takes a few seconds at most.
     Brief,
     /// The library is unloaded before the test ends.
     Unloads,
-    /// It is for co-simulation, or for model exchange.
+    /// The test is for co-simulation, or for model exchange.
     CoSimulation,
     ModelExchange,
-    /// It is for one version of FMI.
+    /// The test is for one version of FMI.
     Fmi2,
     Fmi3,
     /// A process may have several instances.
@@ -114,7 +114,7 @@ impl Probe {
         })
     }
 
-    /// What the FMU declares, if the test is about that.
+    /// The declaration of the FMU that is tested, if any.
     fn claim(&self) -> Option<String> {
         self.traits.iter().rev().find_map(|about| match about {
             Claims(flag) => Some(format!("{flag} is true, but")),
@@ -129,7 +129,7 @@ impl Probe {
             (Err(error), _) if error.downcast_ref() == Some(&SKIP) => Ok(()),
             (Err(error), _) if subject.needs_ticks && is_refusal(&error) => {
                 let text = format!("not tested, since its clocks do not tick: {error:#}");
-                subject.report.find(rule!("not-tested"), text);
+                subject.report.add_finding(rule!("not-tested"), text);
                 Ok(())
             }
             (Err(error), Some(claim)) => Err(error.context(claim)),
@@ -181,7 +181,7 @@ const ROUNDING: f64 = 1e-9;
 /// The error of other step sizes, but for the solver's.
 const COARSE: f64 = 1e-3;
 
-/// The tests on whose results the others depend.
+/// The tests on whose results all other tests depend.
 static FIRST: &[Probe] = probes! {
     // The binary loads and creates an instance.
     "identity": "loads", host::identity, Unloads;

@@ -24,7 +24,7 @@ const MAX_BYTES: usize = 1 << 30;
 /// The error of a solver that starts anew.
 pub const RESTART: f64 = 1e-3;
 
-/// What a run has found.
+/// The findings of a run.
 type Found = Vec<(&'static Rule, String)>;
 
 /// Runs the default experiment to its end, or as far as half of the time limit allows. Reports how many
@@ -56,7 +56,7 @@ pub fn experiment(subject: &Subject<'_>) -> Result<()> {
     let pace = outcome?;
     subject.report.reply(&Reply::Ran(pace));
     for (rule, text) in found {
-        subject.report.find(rule, text);
+        subject.report.add_finding(rule, text);
     }
     Ok(())
 }
@@ -93,7 +93,7 @@ fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<Pace>, Found) {
             }
         })?;
         if let Some(text) = slows_down(steps, &times) {
-            subject.report.find(rule!("steady-time"), text);
+            subject.report.add_finding(rule!("steady-time"), text);
         }
         if run.stuck.is_some()
             && let (Ok(states), Ok(rates)) = (run.continuous_states(), run.derivatives())
@@ -360,7 +360,7 @@ fn follow_time(subject: &Subject<'_>, mut run: Run<'_>, steps: usize) -> Result<
     Ok(())
 }
 
-/// Changes each tunable parameter before the run and in it, and compares the outputs with those of a run without
+/// Changes each tunable parameter before the run and in it, and compares the outputs with the outputs of a run without
 /// changes.
 pub fn tunable_effect(subject: &Subject<'_>) -> Result<()> {
     let tunable = |v: &&XmlVariable<'_>| v.variability == Variability::Tunable;

@@ -72,7 +72,7 @@ fn rows(subject: &Subject<'_>, steps: usize, size: f64) -> Result<Vec<Row>> {
 
 /// How much two runs differ.
 struct Differences {
-    /// Of each element: the largest difference, and the one at the end, relative to the largest value.
+    /// The largest and the last difference of each element, relative to the largest value.
     of_elements: Vec<[f64; 2]>,
     /// The largest difference of a continuous variable.
     continuous: f64,

@@ -1,4 +1,4 @@
-//! Reading and writing variables; derivatives, dependencies and events.
+//! Reading and writing variables.
 
 use std::collections::HashMap;
 use std::hint::black_box;
@@ -33,7 +33,7 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
     for variable in subject.readable().filter(is_dependent) {
         if let Err(error) = run.read(variable) {
             let report = subject.report;
-            report.find(rule!("readable"), format!("{error:#}"));
+            report.add_finding(rule!("readable"), format!("{error:#}"));
             report.reply(&Reply::Unreadable(variable.name.clone()));
             refused += 1;
             if refused == MAX_UNREADABLE {
@@ -76,7 +76,7 @@ fn compare_start(run: &mut Run<'_>, variable: &XmlVariable<'_>) -> Result<()> {
         Ok(values) => values,
         Err(error) => {
             let when = if run.is_initialized { "" } else { " in initialization mode" };
-            run.subject.report.find(rule!("readable"), format!("{error:#}{when}"));
+            run.subject.report.add_finding(rule!("readable"), format!("{error:#}{when}"));
             return Ok(());
         }
     };
@@ -93,7 +93,7 @@ fn compare_start(run: &mut Run<'_>, variable: &XmlVariable<'_>) -> Result<()> {
             false => "different in the binary".into(),
         };
         let text = format!("the start value of {name} is {is}, expected {expected} as in the XML");
-        run.subject.report.find(rule!("start-values"), text);
+        run.subject.report.add_finding(rule!("start-values"), text);
     }
     Ok(())
 }
@@ -223,7 +223,7 @@ pub fn kept(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Sets variables one by one, or those of a type together and to other values, and reads them once `settle` has made
+/// Sets variables one by one, or all variables of a type together and to other values, and reads them once `settle` has made
 /// the calls after which hosts read them; returns whether the FMU has accepted all values.
 fn check_kept<'a>(
     mut run: Run<'a>,
@@ -284,7 +284,7 @@ fn check_kept<'a>(
             continue;
         }
         ensure!(value.as_real().is_some_and(is_rounded), "{}", text());
-        subject.report.find(rule!("single-precision"), text());
+        subject.report.add_finding(rule!("single-precision"), text());
         return Ok(true);
     }
     Ok(true)
@@ -428,7 +428,7 @@ fn resized(subject: &Subject<'_>, parameter: &XmlVariable<'_>, size: &Value) -> 
     run.instance.exit_configuration_mode()?;
     run.initialize()?;
     run.advance_by(subject.task.steps.min(STEPS))?;
-    let arrays = subject.readable().filter_map(|v| Some((v, count(v, parameter, size)?)));
+    let arrays = subject.readable().filter_map(|v| Some((v, resized_count(v, parameter, size)?)));
     for (variable, n) in arrays.filter(|(_, n)| *n <= MAX_ELEMENTS) {
         let values = run.read_elements(variable, n)?;
         let is_output = variable.causality == Causality::Output;
@@ -449,7 +449,7 @@ fn resized(subject: &Subject<'_>, parameter: &XmlVariable<'_>, size: &Value) -> 
 }
 
 /// The number of elements with another value of a structural parameter; `None` if it has no effect.
-pub fn count(
+fn resized_count(
     variable: &XmlVariable<'_>,
     parameter: &XmlVariable<'_>,
     size: &Value,
