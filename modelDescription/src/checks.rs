@@ -66,7 +66,8 @@ pub const fn exists(rows: &'static [TableRow], name: &str, message: &str) {
     }
 }
 
-/// Checks that an option is positive, and returns it; panics at compile time with `message` and what is wrong.
+/// Checks that the value of an option is positive, and returns the value; otherwise panics at compile time with
+/// `message` and the mistake.
 #[track_caller]
 pub const fn positive(value: f64, message: &str) -> f64 {
     if !(value > 0.0 && value.is_finite()) {
@@ -85,7 +86,7 @@ pub const fn number(number: i128) -> i32 {
     number as i32
 }
 
-/// Panics with both texts. Constant evaluation formats one at most.
+/// Panics with both texts, joined by hand: constant evaluation can format only one.
 #[track_caller]
 const fn fail(message: &str, name: &str) -> ! {
     let mut text = [b' '; 256];

@@ -48,7 +48,7 @@ pub const fn first(rows: &[TableRow], row: usize) -> usize {
     scalar_count(rows.split_at(row).0)
 }
 
-/// A pointer to an item as one to an item of any type.
+/// A pointer to an item as a pointer to an item of any type.
 pub fn item<C: Choice>(item: *mut u8) -> *mut dyn AnyChoice {
     item.cast::<C>()
 }

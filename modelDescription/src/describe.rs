@@ -1,4 +1,4 @@
-//! Writes the model description of an exported model: what is the same in all versions of FMI.
+//! Writes the model description of an exported model: the parts that all versions of FMI have.
 
 use anyhow::{Result, anyhow, ensure};
 
@@ -68,8 +68,8 @@ impl ExportedModel {
             .with("generationTool", &origin.generation_tool)
             .with("variableNamingConvention", "structured");
         let (stop, step) = self.default_experiment;
-        // Without an integrator of its own, the model has no tolerance, but hosts that find none take a coarse one
-        // for what they integrate.
+        // Without an integrator of its own, the model has no tolerance. Hosts that find none would integrate other
+        // models with a coarse tolerance.
         let tolerance =
             if self.tolerance > 0.0 { format!("{:?}", self.tolerance) } else { "1e-6".to_owned() };
         let experiment = Element::new("DefaultExperiment")
@@ -169,7 +169,7 @@ impl XmlWriter<'_> {
         }
     }
 
-    /// The element of a variable. In FMI 2.0, it holds one for the type; in FMI 3.0, it has the attributes of both,
+    /// The element of a variable. In FMI 2.0, it holds an element for the type; in FMI 3.0, it has the attributes of both,
     /// holds the dimensions, and the start values of texts and bytes.
     fn variable(&self, v: &Variable) -> Element<'static> {
         let of_type = v.of_type.name(self.version);

@@ -99,7 +99,7 @@ pub(crate) fn interfaces(
             .with("providesDirectionalDerivative", model.has_all_derivatives())
     };
     let exchange = interface("ModelExchange").with("completedIntegratorStepNotNeeded", true);
-    // A host that reads it may set the derivatives of all of them.
+    // A host that reads `canInterpolateInputs` may set the derivatives of all continuous inputs.
     let is_continuous_input =
         |v: &&Variable| v.causality == Causality::Input && v.variability == Variability::Continuous;
     let mut inputs = model.variables.iter().filter(is_continuous_input).peekable();

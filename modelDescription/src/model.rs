@@ -59,11 +59,11 @@ impl Deref for XmlVariable<'_> {
 pub struct Unknown<'a> {
     /// Its element.
     pub element: &'a Element<'a>,
-    /// What it refers to a variable by: an index from 1, in FMI 3.0 a value reference.
+    /// The number by which it refers to a variable: an index from 1, in FMI 3.0 a value reference.
     pub number: u32,
     /// Index of the variable from 1, if there is one.
     pub index: Option<usize>,
-    /// The variables that it depends on, by numbers as its own; `None` means all.
+    /// The variables on which it depends, by numbers of the same kind; `None` means all.
     pub dependencies: Option<Vec<u32>>,
 }
 
@@ -163,7 +163,7 @@ impl<'a> ModelDescription<'a> {
         self.root.attribute("modelName").unwrap_or_default()
     }
 
-    /// The defined types: the element with the name, and the one with the unit, the bounds or the items.
+    /// The defined types: the element with the name, and the element with the unit, the bounds or the items.
     pub fn types(&self) -> impl Iterator<Item = (&'a Element<'a>, &'a Element<'a>)> + use<'a> {
         types(self.root, self.version)
     }
@@ -385,7 +385,7 @@ impl<'a> XmlVariable<'a> {
     }
 }
 
-/// The defined types: the element with the name, and the one with the unit, the bounds or the items.
+/// The defined types: the element with the name, and the element with the unit, the bounds or the items.
 fn types<'a>(
     root: &'a Element<'a>,
     version: FmiVersion,
@@ -418,7 +418,7 @@ fn declared_type(defined: &Element<'_>, value: &Element<'_>) -> DeclaredType {
     }
 }
 
-/// Value reference and start value of what may size arrays: a structural parameter or a constant.
+/// Value reference and start value of a variable that may size arrays: a structural parameter or a constant.
 fn size(element: &Element<'_>) -> Option<(u32, usize)> {
     let is_constant = element.attribute("variability") == Some(Variability::Constant.as_str());
     let causality = Causality::StructuralParameter.as_str();

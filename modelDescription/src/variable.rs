@@ -28,7 +28,7 @@ pub struct Variable {
     /// Numbers of elements of an array, with structural parameters at their start values; empty for a
     /// scalar.
     pub dimensions: Vec<usize>,
-    /// What is known if it is exported; empty for a variable of a model description.
+    /// What the exporter knows of the variable; empty for a variable of a model description.
     pub exported: ExportInfo,
     /// Its type.
     pub of_type: Type,
@@ -62,8 +62,7 @@ pub struct ExportInfo {
     pub size: Option<usize>,
     /// Value references of the variables that its value after initialization depends on, if that is known.
     pub initially_from: Option<Vec<usize>>,
-    /// Value references of the inputs and states with respect to which its derivatives are known, and on
-    /// no others of which it depends.
+    /// Value references of the inputs and states on which the variable depends, with known derivatives.
     pub depends_on: Vec<usize>,
     /// Its terminal, and its name there, as `terminal.member`; empty if it is in none.
     pub terminal: String,
@@ -144,7 +143,7 @@ impl Variable {
         self.bounds().contain(value)
     }
 
-    /// The values that it may have, for error messages.
+    /// Describes the values that the variable may have, for error messages.
     pub fn expected(&self) -> String {
         match self.of_type {
             Type::Boolean => "true or false".into(),
@@ -180,7 +179,7 @@ impl Variable {
         self.causality == Causality::Output
     }
 
-    /// Whether it is a continuous state. Events may change any, which the attribute `reinit` tells.
+    /// Whether it is a continuous state. Events may change every state, as the attribute `reinit` says.
     pub(crate) fn is_state(&self) -> bool {
         matches!(self.exported.dynamics, Dynamics::State)
     }
@@ -200,12 +199,12 @@ impl Variable {
         self.is_output() && self.variability == Variability::Continuous
     }
 
-    /// Whether what is computed at any time may depend on it.
+    /// Whether variables that are computed at any time may depend on it.
     pub(crate) fn is_known(&self) -> bool {
         matches!(self.causality, Causality::Input | Causality::Independent) || self.is_state()
     }
 
-    /// Whether what is computed during initialization may depend on it.
+    /// Whether variables that are computed during initialization may depend on it.
     pub(crate) fn is_initially_known(&self) -> bool {
         use Causality::{Independent, Input, Local, Output, Parameter};
         match self.causality {

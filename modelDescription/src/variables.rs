@@ -168,7 +168,7 @@ impl StateWriter {
     ///
     /// # Errors
     /// It cannot be serialized.
-    #[inline(never)] // it is small only once
+    #[inline(never)] // one copy keeps FMUs small
     pub fn put<T: Serialize>(&mut self, field: &T) -> Result<(), StateError> {
         let bytes = std::mem::take(&mut self.0);
         self.0 = postcard::to_extend(field, bytes).map_err(|_| StateError)?;

@@ -143,7 +143,7 @@ impl FmiVersion {
     }
 }
 
-/// An interface type: how a host simulates an FMU. Scheduled execution, the third one of the standard, is not
+/// An interface type: how a host simulates an FMU. Scheduled execution, the third type of the standard, is not
 /// implemented.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(

@@ -96,7 +96,7 @@ sets! {
     ALIVE = INSTANTIATED, CONFIGURATION, RECONFIGURATION, COMPUTED;
     /// Where a host gets values of FMI 3.0.
     READABLE = ALIVE, INTERMEDIATE_UPDATE;
-    /// Where a host sets values; in continuous-time mode, those of discrete inputs only to what they are.
+    /// Where a host sets values; in continuous-time mode, it sets discrete inputs only to their present values.
     SETTABLE = INSTANTIATED, INITIALIZATION, STEP_MODE, EVENT, CONTINUOUS_TIME;
     /// Where a host sets values of continuous inputs.
     CONTINUOUS = SETTABLE, INTERMEDIATE_UPDATE;

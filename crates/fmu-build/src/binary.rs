@@ -13,7 +13,7 @@ use crate::model::BuiltModel;
 
 /// A shared library for one or more platforms.
 pub struct PlatformBinary<'a> {
-    /// What it was built from, or its file if it was built before.
+    /// The library that it was built from, or its file if it was built elsewhere.
     pub source: BinarySource<'a>,
     pub platforms: Vec<Platform>,
     pub bytes: Vec<u8>,
@@ -52,7 +52,7 @@ impl<'a> PlatformBinary<'a> {
         self.models.iter().find(|model| model.name == name)
     }
 
-    /// Whether it is for the FMU of a model: it was built from its library, or before.
+    /// Whether it is for the FMU of a model: it was built from the library of the model, or elsewhere.
     pub fn may_have(&self, model: &BuiltModel<'_>) -> bool {
         match self.source {
             BinarySource::Library(library) => ptr::eq(library, model.library),
@@ -60,7 +60,7 @@ impl<'a> PlatformBinary<'a> {
         }
     }
 
-    /// Checks that a binary for a model contains it in the same version.
+    /// Checks that a binary for a model contains the model in the same version.
     pub fn check_model(&self, model: &BuiltModel<'_>) -> Result<()> {
         let ExportedModel { name, guid, .. } = &model.description;
         if !self.may_have(model) || self.models.iter().any(|known| known.guid == *guid) {

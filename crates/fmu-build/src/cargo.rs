@@ -97,7 +97,7 @@ impl Build {
         self
     }
 
-    /// Leaves out what the environment happens to have.
+    /// Leaves out a variable that the environment happens to have.
     pub fn without_env(&mut self, name: &str) -> &mut Self {
         self.command.env_remove(name);
         self

@@ -141,7 +141,7 @@ impl Reencode for Named<'_> {
 
 /// The parts of data between long runs of zeros.
 fn parts(data: &[u8]) -> Vec<Range<usize>> {
-    // What it costs to begin another part.
+    // The bytes that another part costs.
     const LONG: usize = 10;
     let mut parts: Vec<Range<usize>> = Vec::new();
     let mut end = 0;
@@ -195,7 +195,7 @@ impl Reencode for Short<'_> {
 }
 
 impl Short<'_> {
-    /// A short name for what a component inside the component imports.
+    /// A short name for an import of a component inside the component.
     fn inner(&mut self, name: &str) -> String {
         let next = self.inner.len();
         format!("i{}", self.inner.entry(name.to_owned()).or_insert(next))

@@ -79,7 +79,7 @@ pub struct ExportedFmu {
     pub platforms: Vec<&'static str>,
 }
 
-/// Builds the models and writes their FMUs. `progress` receives what is being built.
+/// Builds the models and writes their FMUs. `progress` receives each step of the build.
 ///
 /// # Errors
 /// There is no model, or none with a given name; a target is not supported; the build fails; a file
@@ -148,11 +148,11 @@ struct Builder<'a> {
     version: FmiVersion,
     targets: Vec<BuildTarget>,
     prebuilt: Vec<PlatformBinary<'a>>,
-    /// Receives what is being built.
+    /// Receives each step of the build.
     progress: &'a dyn Fn(BuildProgress<'_>),
 }
 
-/// The folder of the draft of a layered standard that says what WebAssembly FMUs are.
+/// The folder of the draft of a layered standard that defines WebAssembly FMUs.
 const EXTRA_WASM: &str = "extra/org.modelica.fmi-ls-wasm";
 const MANIFEST: &str = include_str!("manifest.xml");
 

@@ -77,7 +77,7 @@ impl Expression {
         }
     }
 
-    /// The expression as one of type f64 or f32: whole numbers get a fraction.
+    /// The expression in the type f64 or f32: whole numbers get a fraction.
     pub fn real(&self) -> TokenStream {
         match &self.form {
             Form::Literal(Lit::Int(number)) if number.suffix().is_empty() => {
@@ -127,7 +127,7 @@ pub fn respan(span: Span, tokens: TokenStream) -> TokenStream {
     moved.collect()
 }
 
-/// The form of what is between brackets.
+/// The form of the tokens between brackets.
 fn bracket_form(inner: TokenStream) -> Option<Form> {
     let trees: Vec<TokenTree> = inner.clone().into_iter().collect();
     let is_semicolon = |tree: &TokenTree| matches!(tree, TokenTree::Punct(p) if p.as_char() == ';');

@@ -11,8 +11,8 @@ use crate::expression::{Expression, Form, respan};
 use crate::field::Field;
 
 impl Field {
-    /// An item of a trait for the type of the elements. That it is not implemented is reported once, at the
-    /// type, if all code that needs it reads the same.
+    /// An item of a trait for the type of the elements. The compiler reports a missing implementation once, at the
+    /// type, if all code that needs the trait reads the same.
     fn trait_item(&self, name: &TokenStream, item: &TokenStream) -> TokenStream {
         let (ty, krate) = (self.element_type(), &self.krate);
         respan(ty.span(), quote!(<#ty as #krate::#name>::#item))
@@ -47,7 +47,7 @@ impl Field {
         quote!(const { #krate::first(Self::ROWS, #row) })
     }
 
-    /// Its rows: of nested structs, one for each element of an array; none if it is internal.
+    /// The rows of the field in the table: a row for each nested struct; none if the field is internal.
     pub fn rows(&self) -> Vec<TokenStream> {
         let (Self { ident, krate, name, .. }, ty) = (self, self.element_type());
         let Some(rows) = self.nested_item(&quote!(ROWS)) else {
@@ -132,7 +132,7 @@ impl Field {
         })
     }
 
-    /// True if this field keeps the state of the struct from being saved; `None` if it never does.
+    /// The condition under which this field keeps the struct from being saved; `None` if it never does.
     pub fn is_unsaved(&self) -> Option<TokenStream> {
         match self.role {
             Role::Unsaved => Some(quote!(true)),
@@ -194,7 +194,7 @@ impl Field {
         quote!(#(#arms)*)
     }
 
-    /// The condition of `has_finite_outputs` on the field; of an array, it is about the elements in use.
+    /// The condition of `has_finite_outputs` on the field, or on the elements of an array that are in use.
     pub fn has_finite_outputs(&self, others: &[Self]) -> Option<TokenStream> {
         let (ident, krate) = (&self.ident, &self.krate);
         if let Some(has) = self.nested_item(&quote!(has_finite_outputs)) {
@@ -261,7 +261,7 @@ impl Field {
         quote!((#name, #type_name, #layout))
     }
 
-    /// What is done for the elements of an array, from what is done for one.
+    /// The code for all elements of an array, from the code for an element.
     fn for_elements(
         &self,
         of_element: TokenStream,

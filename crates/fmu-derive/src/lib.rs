@@ -11,8 +11,8 @@ mod model;
 use proc_macro::TokenStream;
 use syn::{DeriveInput, Error, parse_macro_input};
 
-/// Defines the derive macro of a struct, with the attributes of structs that it takes; those of fields are the same for
-/// all.
+/// Defines the derive macro of a struct, with the attributes of structs that it takes; the attributes of fields are the
+/// same for all macros.
 macro_rules! derive_of_struct {
     ($name:ident as $function:ident($($attribute:ident),+) in $page:literal: $expand:path, $stub:path) => {
         #[doc = include_str!($page)]

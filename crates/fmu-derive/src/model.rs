@@ -250,7 +250,7 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
 }
 
 /// Checks that no two variables of the struct have the same name, as far as no nested struct is involved, and that
-/// the variables exist whose code others need.
+/// the variables exist to which `size` and `derivative_by` refer.
 fn check_names(fields: &[Field]) -> Result<()> {
     let mut names = HashSet::new();
     for Field { name, .. } in fields.iter().filter(|field| field.is_variable()) {
@@ -269,7 +269,7 @@ fn check_names(fields: &[Field]) -> Result<()> {
 }
 
 /// Checks that the number of elements in use is a structural parameter of the struct, and does not exceed
-/// the array if both are literals. The compiler checks the others where a model is exported.
+/// the array if both are literals. The compiler checks other expressions where a model is exported.
 fn check_size(field: &Field, fields: &[Field]) -> Result<()> {
     let Some(size) = field.options.text("size") else { return Ok(()) };
     let name = size.value();

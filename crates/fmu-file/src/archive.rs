@@ -211,7 +211,7 @@ impl Archive {
         }
     }
 
-    /// Notes what cannot be read, and inflated sizes that would exhaust memory or disk.
+    /// Notes entries that cannot be read, and inflated sizes that would exhaust memory or disk.
     fn check_entries(&mut self) {
         if !self.zip.has_duplicate_names()
             && let Err(error) = self.zip.validate_header_consistency()
