@@ -157,19 +157,19 @@ pub fn advance<E: SolverError>(
     workspace: &mut Workspace,
     step: &Step,
 ) -> Result<Advanced, E> {
-    let mut run = Integration::new(system, workspace, step);
+    let mut run = IntegrationRun::new(system, workspace, step);
     run.begin()?;
     while let Some((end, event)) = run.next_event() {
         run.integrate(end)?;
         run.event(event, EventCause::Time)?;
     }
     run.integrate(step.size)?;
-    let Integration { reached, handled, has_event, restarts, .. } = run;
+    let IntegrationRun { reached, handled, has_event, restarts, .. } = run;
     Ok(Advanced { reached, handled, has_event, restarts })
 }
 
 /// A step that is being taken. Times are relative to its start, unless they are called absolute.
-struct Integration<'a, E> {
+struct IntegrationRun<'a, E> {
     system: &'a mut dyn OdeSystem<Error = E>,
     w: &'a mut Workspace,
     step: &'a Step,
@@ -210,7 +210,7 @@ enum Trial<E> {
     Discarded(E),
 }
 
-impl<'a, E: SolverError> Integration<'a, E> {
+impl<'a, E: SolverError> IntegrationRun<'a, E> {
     fn new(system: &'a mut dyn OdeSystem<Error = E>, w: &'a mut Workspace, step: &'a Step) -> Self {
         Self {
             system,
@@ -744,7 +744,7 @@ mod tests {
             let (mut oscillator, mut w) = (oscillator(), Workspace::new(2, 0));
             let step = Step { size: h, tolerance: 1.0, ..STEP };
             let mut run =
-                Integration { size: h, ..Integration::new(&mut oscillator, &mut w, &step) };
+                IntegrationRun { size: h, ..IntegrationRun::new(&mut oscillator, &mut w, &step) };
             run.begin().unwrap();
             run.try_step(h, h).ok().unwrap();
             let [start, within, end] = [0.0, 0.3, 1.0].map(|fraction| {

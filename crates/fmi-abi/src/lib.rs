@@ -77,10 +77,10 @@ macro_rules! define {
         /// Each function that is a call of an instance, under its name.
         pub mod calls {
             use $crate::state::*;
-            use $crate::{Call, FunctionGroup};
+            use $crate::{FmiFunction, FunctionGroup};
 
             $($(
-                pub const $name: Call = Call {
+                pub const $name: FmiFunction = FmiFunction {
                     name: stringify!($name),
                     group: FunctionGroup::$group,
                     states: $($states)|+,
@@ -89,8 +89,8 @@ macro_rules! define {
         }
 
         /// All functions, each with the operation that it performs.
-        pub const FUNCTIONS: &[($crate::Call, &str)] = &[
-            $(($crate::Call::free(stringify!($free)), stringify!($free_operation)),)*
+        pub const FUNCTIONS: &[($crate::FmiFunction, &str)] = &[
+            $(($crate::FmiFunction::free(stringify!($free)), stringify!($free_operation)),)*
             $($((calls::$name, stringify!($operation)),)*)*
         ];
     };
@@ -128,7 +128,7 @@ impl FmiVersion {
     }
 
     /// The functions of this version, each with the operation that it performs.
-    pub const fn functions(self) -> &'static [(Call, &'static str)] {
+    pub const fn functions(self) -> &'static [(FmiFunction, &'static str)] {
         match self {
             Self::Fmi2 => fmi2::FUNCTIONS,
             Self::Fmi3 => fmi3::FUNCTIONS,
@@ -181,7 +181,7 @@ pub enum FunctionGroup {
 
 /// A function, and the states in which an instance allows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Call {
+pub struct FmiFunction {
     /// Its name in C.
     pub name: &'static str,
     /// The interface types that have it.
@@ -190,7 +190,7 @@ pub struct Call {
     pub states: u16,
 }
 
-impl Call {
+impl FmiFunction {
     /// A function that no state forbids.
     const fn free(name: &'static str) -> Self {
         Self { name, group: FunctionGroup::All, states: u16::MAX }

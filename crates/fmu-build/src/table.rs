@@ -8,10 +8,10 @@ pub const HEAD: [&str; 8] =
     ["variable", "causality", "variability", "type", "unit", "start", "range", "description"];
 
 /// The cells of a variable.
-pub type Cells = [String; HEAD.len()];
+pub type VariableCells = [String; HEAD.len()];
 
 /// The rows of all variables and their aliases, in the order of the model description.
-pub fn rows(model: &ModelDescription<'_>) -> impl Iterator<Item = Cells> {
+pub fn rows(model: &ModelDescription<'_>) -> impl Iterator<Item = VariableCells> {
     let variables = model.variables();
     variables.flat_map(|(_, variable)| {
         let row = row(variable, model);
@@ -27,7 +27,7 @@ pub fn rows(model: &ModelDescription<'_>) -> impl Iterator<Item = Cells> {
     })
 }
 
-fn row(v: &XmlVariable<'_>, model: &ModelDescription<'_>) -> Cells {
+fn row(v: &XmlVariable<'_>, model: &ModelDescription<'_>) -> VariableCells {
     let item = |start| {
         let mut items = v.items().iter();
         let found = items.find(|item| whole(start) == Some(item.value));

@@ -9,7 +9,7 @@ use std::rc::Rc;
 
 use dormand_prince::solver::Workspace;
 use fmi_abi::state::State;
-use fmi_abi::{Call, FmiVersion};
+use fmi_abi::{FmiFunction, FmiVersion};
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{LogCategory, Variability};
 
@@ -35,11 +35,11 @@ pub(crate) struct Edge {
     /// an element of an array; otherwise a variable with all its elements.
     pub(crate) version: FmiVersion,
     /// The functions that hosts call at every step.
-    pub(crate) get_float64: Call,
-    pub(crate) set_float64: Call,
-    pub(crate) do_step: Call,
+    pub(crate) get_float64: FmiFunction,
+    pub(crate) set_float64: FmiFunction,
+    pub(crate) do_step: FmiFunction,
     /// The function that saves the state of an instance, which can be in the states that allow it.
-    pub(crate) get_fmu_state: Call,
+    pub(crate) get_fmu_state: FmiFunction,
 }
 
 /// What a host says about an instance that it creates.
@@ -165,7 +165,7 @@ impl Instance {
     /// Runs the operation if the call is allowed in the current state, and logs failures.
     pub(crate) fn call(
         &mut self,
-        call: &Call,
+        call: &FmiFunction,
         operation: impl FnOnce(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
         let mut operation = Some(operation);
@@ -178,7 +178,7 @@ impl Instance {
     #[inline(never)]
     fn guard(
         &mut self,
-        call: &Call,
+        call: &FmiFunction,
         operation: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
         let Lifecycle { instance_type, state, .. } = self.shared.lifecycle;
@@ -196,7 +196,7 @@ impl Instance {
     }
 
     /// Logs why a call failed.
-    pub(crate) fn refuse(&self, call: &Call, reason: &str) -> Status {
+    pub(crate) fn refuse(&self, call: &FmiFunction, reason: &str) -> Status {
         let name = call.name;
         let message = format_args!("{name}: {reason}");
         self.shared.settings.log.send(LogCategory::Error, message);
@@ -204,7 +204,7 @@ impl Instance {
     }
 
     #[cold]
-    fn refuse_in(&self, state: State, call: &Call) -> Status {
+    fn refuse_in(&self, state: State, call: &FmiFunction) -> Status {
         let all = State::ALL.iter();
         let instance_type = self.shared.lifecycle.instance_type;
         let all = all.filter(|(state, _)| call.is_allowed(*state) && instance_type.has(*state));
@@ -229,7 +229,7 @@ impl Instance {
     /// Logs why a call failed, and enters the state that follows.
     #[cold]
     #[inline(never)]
-    pub(crate) fn fail(&mut self, call: &Call, error: ModelError) -> Status {
+    pub(crate) fn fail(&mut self, call: &FmiFunction, error: ModelError) -> Status {
         if error.severity() == Severity::Discarded {
             // The host may repeat other calls with other values.
             if *call == self.shared.settings.edge.do_step {
@@ -247,7 +247,11 @@ impl Instance {
 
     #[cold]
     #[inline(never)]
-    pub(crate) fn fail_by_panic(&mut self, call: &Call, panic: Box<dyn Any + Send>) -> Status {
+    pub(crate) fn fail_by_panic(
+        &mut self,
+        call: &FmiFunction,
+        panic: Box<dyn Any + Send>,
+    ) -> Status {
         self.shared.lifecycle.state = State::Fatal;
         let what = "the model panicked; the instance can only be freed";
         self.shared.settings.log.send_panic(call.name, what, panic);

@@ -1,7 +1,7 @@
 //! The lifecycle of an instance, and the steps it may take.
 
 use fmi_abi::state::State;
-use fmi_abi::{Call, FunctionGroup};
+use fmi_abi::{FmiFunction, FunctionGroup};
 use fmu_description::LogCategory;
 
 use crate::clock::SampleClock;
@@ -50,7 +50,7 @@ impl InstanceType {
     }
 
     /// Why an instance of this type does not have a function; `None` if it does.
-    pub(crate) fn lacks(self, call: &Call) -> Option<&'static str> {
+    pub(crate) fn lacks(self, call: &FmiFunction) -> Option<&'static str> {
         match (call.group, self) {
             (FunctionGroup::CoSimulation, Self::ModelExchange) => {
                 Some("it is a function of co-simulation, but the instance is for model exchange")

@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use fmi_abi::fmi2::calls;
 use fmi_abi::state::State;
-use fmi_abi::{Call, FmiVersion};
+use fmi_abi::{FmiFunction, FmiVersion};
 use fmu_description::ScalarVariable;
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{Causality, LogCategory};
@@ -26,12 +26,12 @@ use crate::values::HostValue;
 
 static EDGE: Edge = Edge {
     version: FmiVersion::Fmi2,
-    get_float64: Call { name: "get", ..calls::fmi2GetReal },
-    set_float64: Call { name: "set", ..calls::fmi2SetReal },
-    do_step: Call { name: "step", ..calls::fmi2DoStep },
+    get_float64: FmiFunction { name: "get", ..calls::fmi2GetReal },
+    set_float64: FmiFunction { name: "set", ..calls::fmi2SetReal },
+    do_step: FmiFunction { name: "step", ..calls::fmi2DoStep },
     get_fmu_state: calls::fmi2GetFMUstate,
 };
-const INITIALIZE: Call = Call { name: "initialize", ..calls::fmi2SetupExperiment };
+const INITIALIZE: FmiFunction = FmiFunction { name: "initialize", ..calls::fmi2SetupExperiment };
 
 /// A model that a [`Driver`] drives, implemented by `#[derive(Model)]` for structs without type parameters.
 #[doc(hidden)]

@@ -3,7 +3,7 @@
 use std::mem::transmute;
 use std::ptr::null_mut;
 
-use fmi_abi::{Call, fmi2, fmi3_functions};
+use fmi_abi::{FmiFunction, fmi2, fmi3_functions};
 use fmu_description::{Type, Value};
 
 use super::call::{answer, call};
@@ -165,7 +165,7 @@ macro_rules! unsupported {
 }
 
 #[inline(never)]
-fn refuse(instance: Pointer, operation: &Call) {
+fn refuse(instance: Pointer, operation: &FmiFunction) {
     call(instance, || {
         // SAFETY: the host's promise: an instance that is not used otherwise.
         let instance = unsafe { instance_at(instance) };
@@ -219,7 +219,7 @@ unsafe extern "C" fn set_debug_logging(
 /// The host's promise: an instance that is not used otherwise.
 unsafe fn perform(
     instance: Pointer,
-    operation: &Call,
+    operation: &FmiFunction,
     method: impl FnOnce(&mut Instance) -> Result<(), ModelError>,
 ) -> fmi3Status {
     // SAFETY: the caller's promise.
@@ -357,7 +357,7 @@ unsafe extern "C" fn set_input_derivatives(
     n_values: usize,
 ) -> fmi3Status {
     let operation =
-        Call { name: "set-input-derivatives", ..fmi2::calls::fmi2SetRealInputDerivatives };
+        FmiFunction { name: "set-input-derivatives", ..fmi2::calls::fmi2SetRealInputDerivatives };
     // SAFETY: the host's promises.
     call(instance, || unsafe {
         let ((references, orders), values) = (orders(pairs, n), slice(values, n_values));
