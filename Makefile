@@ -183,7 +183,7 @@ fuzz:
 		-max_total_time=$(SECONDS) -timeout=5 -max_len=262144 -dict=fuzz/words.dict -artifact_prefix=target/ \
 		target/corpus fuzz/corpus
 	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
-		cargo test --locked --package fmu-export --test c_interface -- sequences saved fast_path
+		cargo test --locked --package fmu-export --test c_interface -- random_calls saved fast_path
 
 # ssp: export the control loops of the paper as SSP packages to target/fmu
 ssp: fmus
