@@ -6,14 +6,21 @@
 #![cfg(not(all(target_vendor = "apple", target_arch = "aarch64")))]
 #![allow(non_upper_case_globals, reason = "the names of the standard")]
 
+mod authors;
 mod driver;
 mod events;
 mod exchange;
-mod lifecycle;
+mod fmu;
+mod instances;
+mod integration;
+mod log;
 mod models;
+mod ramps;
+mod samples;
 mod saved;
 mod standard;
 mod states;
 mod steps;
+mod updates;
 mod values;
 mod walk;

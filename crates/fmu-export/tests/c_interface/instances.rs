@@ -1,8 +1,6 @@
-//! Instances: how they are made, their logs, resources and variants, and many of them.
+//! Instances: how they are made, their resources and variants, and many of them.
 
-use std::cell::Cell;
-use std::collections::BTreeSet;
-use std::ffi::{CStr, CString, c_char};
+use std::ffi::{CStr, CString};
 use std::ptr::{null, null_mut};
 use std::sync::Barrier;
 
@@ -15,7 +13,7 @@ use crate::models::*;
 // --- instantiation ------------------------------------------------------------------------------
 
 /// Text that crashes a logger that uses it as a format.
-const HOSTILE: &CStr = c"%s%n%d%*d %%";
+pub const HOSTILE: &CStr = c"%s%n%d%*d %%";
 
 #[test]
 fn wrong_arguments_are_reported() {
@@ -92,187 +90,6 @@ fn wrong_arguments_are_reported() {
         let texts = [fmi2GetVersion(), fmi2GetTypesPlatform(), fmi3GetVersion()];
         let texts = texts.map(|text| CStr::from_ptr(text));
         assert_eq!(texts, [c"2.0", c"default", c"3.0"]);
-    }
-}
-
-// --- logging ------------------------------------------------------------------------------------
-
-const ERRORS: &CStr = c"logStatusError";
-const WARNINGS: &CStr = c"logStatusWarning";
-const DISCARDS: &CStr = c"logStatusDiscard";
-const FATALS: &CStr = c"logStatusFatal";
-const EVENT: &CStr = c"logEvents";
-const ALL: &CStr = c"logAll";
-
-#[test]
-fn a_panic_in_the_instantiation_is_logged() {
-    for kind in PLAIN {
-        IS_BROKEN.set(true);
-        let it = Instance::of(kind, DEVICE);
-        IS_BROKEN.set(false);
-        assert!(it.c.is_null());
-        it.says("the model panicked: the bug shows at the start");
-    }
-}
-
-fn debugged(kind: Kind, name: &CStr) -> Instance {
-    Arguments::of(kind, BALL).make(|a| (a.name, a.debug) = (Some(name), true))
-}
-
-/// Causes an event, a warning, an error, a discarded step and a panic; returns the logged categories.
-fn provoke(f: &Instance) -> BTreeSet<CString> {
-    f.forget_messages();
-    f.start(0.0, None);
-    f.step(0.2, 0.2);
-    let now = f.snapshot();
-    for trouble in [DISCARD, BREAK, BUG] {
-        f.resume(&now).set(Ball::FAULT, trouble);
-        f.step(0.4, 0.1);
-    }
-    f.messages().into_iter().map(|message| CString::new(message.category).unwrap()).collect()
-}
-
-#[test]
-fn a_model_logs_in_the_categories_that_the_host_wants() {
-    for kind in PLAIN {
-        let it = Arguments::of(kind, DEVICE).make(|arguments| arguments.debug = true).run(7.0);
-        ok([it.set(Device::U_1, 3.0), it.set(Device::U_2, 5.0)]);
-        let time = Cell::new(7.0);
-        let step = || {
-            it.steps(time.get(), 1.0);
-            time.set(time.get() + 1.0);
-        };
-        let said = |level: u8| {
-            it.forget_messages();
-            assert_eq!(it.set_all(Type::Int32, &[Device::LEVEL], &[level.into()]), OK);
-            step();
-            let own = it.messages().into_iter().filter(|m| !m.text.starts_with("state: "));
-            own.map(|m| (m.category, m.status, m.text)).collect::<Vec<_>>()
-        };
-        let message = |category: &str, status, text: &str| {
-            vec![(category.to_owned(), status, text.to_owned())]
-        };
-        assert_eq!(said(0), []);
-        assert_eq!(said(1), message("logModel", OK, "opened at 7"));
-        assert_eq!(said(2), message("logStatusWarning", WARNING, "read at 9"));
-        assert_eq!(said(3), message("logStatusError", ERROR, "lost"));
-        ok([it.switch_log(false, &[c"logModel"])]);
-        assert_eq!((said(1), said(3).len()), (vec![], 1));
-        ok([it.switch_log(true, &[c"logModel"])]);
-        assert_eq!((said(1).len(), said(3)), (1, vec![]));
-        let silent = allocation_counter::measure(step);
-        assert_eq!((silent.count_total, it.get([Device::Y])), (0, [16.0]));
-        // The log is still connected.
-        ok([it.reset(), it.switch_log(true, &[])]);
-        it.start(1.0, None);
-        time.set(1.0);
-        assert_eq!(said(1), message("logModel", OK, "opened at 1"));
-        let others = Instance::of(kind, EVERY);
-        others.refuses("\"logModel\" is unknown", |f| f.switch_log(true, &[c"logModel"]));
-    }
-}
-
-#[test]
-fn categories_are_switched_by_name() {
-    const EVERY: &[&CStr] = &[ERRORS, WARNINGS, DISCARDS, FATALS, EVENT];
-    const TROUBLES: &[&CStr] = EVERY.split_at(4).0;
-    type Switch<'a> = (bool, &'a [&'a CStr]);
-    const CASES: &[(&[Switch], &[&CStr])] = &[
-        (&[], TROUBLES),
-        (&[(false, &[])], &[]),
-        (&[(true, &[])], EVERY),
-        (&[(false, &[]), (true, &[])], EVERY),
-        (&[(true, &[EVENT])], &[EVENT]),
-        (&[(true, &[ERRORS])], &[ERRORS]),
-        (&[(true, &[WARNINGS])], &[WARNINGS]),
-        (&[(true, &[DISCARDS])], &[DISCARDS]),
-        (&[(true, &[FATALS])], &[FATALS]),
-        (&[(true, &[ALL])], EVERY),
-        (&[(true, &[ERRORS, EVENT, ERRORS])], &[ERRORS, EVENT]),
-        (&[(true, &[ERRORS]), (true, &[EVENT])], &[EVENT]),
-        (&[(false, &[EVENT])], TROUBLES),
-        (&[(true, &[]), (false, &[EVENT])], TROUBLES),
-        (&[(true, &[]), (false, &[ERRORS, WARNINGS])], &[DISCARDS, FATALS, EVENT]),
-        (&[(true, &[]), (false, &[ALL])], &[]),
-        (&[(true, &[]), (false, &[]), (false, &[EVENT])], &[]),
-    ];
-    for (kind, (switches, expected)) in pairs(&PLAIN, CASES) {
-        let it = Instance::of(kind, BALL);
-        for (on, names) in switches {
-            ok([it.switch_log(*on, names)]);
-        }
-        let expected = expected.iter().map(|&name| name.to_owned()).collect();
-        assert_eq!(provoke(&it), expected, "{switches:?}");
-    }
-}
-
-#[test]
-fn unknown_categories_are_refused_and_change_nothing() {
-    for kind in PLAIN {
-        let names = [c"", c"logall", c" logAll", c"logStatusPending"];
-        for name in names.into_iter().chain([HOSTILE, c"logAll\xc3"]) {
-            let it = debugged(kind, c"x");
-            let words = "is unknown; expected one of logStatusError, ";
-            it.refuses(words, |f| f.switch_log(true, &[EVENT, name]));
-            it.refuses(words, |f| f.switch_log(false, &[EVENT, name]));
-            assert_eq!(provoke(&it).len(), 5);
-        }
-        let it = Instance::of(kind, BALL);
-        it.refuses("NULL", |f| f.switch(true, &[ALL.as_ptr(), null()]));
-        let names = Argument::memory(null::<*const c_char>(), 1);
-        it.refuses("NULL", |f| f.call("set_debug_logging", &[true.into(), names]));
-    }
-}
-
-#[test]
-fn messages_are_well_formed_and_text_from_the_host_is_escaped() {
-    for kind in PLAIN {
-        let name = CString::from(c"Pendel ϑ %n");
-        let it = debugged(kind, &name);
-        name.into_bytes().fill(b'x');
-        assert_eq!(provoke(&it).len(), 5);
-        for message in it.messages() {
-            let status = match &*message.category {
-                "logStatusError" => ERROR,
-                "logStatusWarning" => WARNING,
-                "logStatusDiscard" => DISCARDED,
-                "logStatusFatal" => FATAL,
-                _ => OK,
-            };
-            assert_eq!(message.status, status);
-            if kind.0 == Fmi2 {
-                let host = (&*message.instance, &*message.format);
-                assert_eq!(host, (c"Pendel ϑ %n", c"%s"));
-            }
-            assert!(!message.text.contains('\n') && message.text.trim() == message.text);
-        }
-        let it = debugged(kind, c"x");
-        let words = HOSTILE.to_str().unwrap();
-        it.refuses(words, |f| f.switch_log(true, &[HOSTILE]));
-        // `#` introduces a value reference.
-        it.refuses("\"##1##\" is unknown", |f| f.switch_log(true, &[c"#1#"]));
-    }
-}
-
-#[test]
-fn every_change_of_the_state_is_an_event_and_states_do_not_include_log_settings() {
-    for kind in KINDS {
-        let it = debugged(kind, c"x").run(0.0);
-        assert_eq!((it.terminate(), it.reset()), (OK, OK));
-        let states = match kind.1 {
-            Stepped => "initialization mode, step complete",
-            Events => "initialization mode, event mode, step complete",
-            Exchanged => "initialization mode, event mode, continuous-time mode",
-        };
-        let events: Vec<_> = it.messages().into_iter().map(|m| m.text).collect();
-        let states = format!("{states}, terminated, instantiated").replace(", ", ", state: ");
-        assert_eq!(events.join(", "), format!("state: {states}"));
-        let silent = Instance::of(kind, BALL);
-        assert_eq!(silent.switch_log(false, &[]), OK);
-        let bytes = it.snapshot();
-        assert_eq!(bytes, silent.snapshot());
-        assert_eq!(silent.resume(&bytes).terminate(), ERROR);
-        assert_eq!(silent.messages(), []);
     }
 }
 
