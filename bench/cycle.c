@@ -26,8 +26,8 @@
  *     threads COUNT cycles in each of 1, 2, ... threads, one per core at most; each thread has an
  *             instance of its own; the time is the duration of all, divided by all cycles
  *     loop    COUNT steps of all FMUs, coupled: in each step one cycle of each, in their order
- *     life    COUNT simultaneous instances: time from instantiating to freeing and memory of one,
- *             with and without initialization
+ *     life    COUNT simultaneous instances: time from instantiating to freeing one, and memory of one
+ *             that is initialized
  *
  * Every repeat measures all FMUs in turn, so that a temporary slowdown of the machine affects all of
  * them; and it creates new instances, so that unstable models do not overflow if COUNT is small
@@ -296,32 +296,23 @@ static double allocated(void) {
 
 static void measure_lives(Fmu *fmus, size_t n_fmus, size_t n, size_t repeats) {
     Component *instances = calloc(n, sizeof *instances);
-    double bytes[MAX_FMUS], bytes_ready[MAX_FMUS];
+    double bytes[MAX_FMUS];
     for (size_t repeat = 0; repeat < repeats; repeat++) {
         for (size_t f = 0; f < n_fmus; f++) {
             Fmu *fmu = &fmus[f];
             double before = allocated(), begin = now();
             for (size_t i = 0; i < n; i++) instances[i] = instantiate(fmu);
-            double made = now();
-            bytes[f] = (allocated() - before) / (double)n;
-            double between = now();
             for (size_t i = 0; i < n; i++) release(fmu, instances[i]);
-            fmu->times[repeat] = (made - begin + now() - between) / (double)n;
+            fmu->times[repeat] = (now() - begin) / (double)n;
 
-            begin = now();
             for (size_t i = 0; i < n; i++) initialize(fmu, instances[i] = instantiate(fmu));
-            made = now();
-            bytes_ready[f] = (allocated() - before) / (double)n;
-            between = now();
+            bytes[f] = (allocated() - before) / (double)n;
             for (size_t i = 0; i < n; i++) end(fmu, instances[i]);
-            fmu->others[repeat] = (made - begin + now() - between) / (double)n;
         }
     }
     for (size_t f = 0; f < n_fmus; f++) {
-        printf("{\"fmu\": \"%s\", \"bytes\": %.1f, \"initialized_bytes\": %.1f", fmus[f].name,
-               bytes[f], bytes_ready[f]);
+        printf("{\"fmu\": \"%s\", \"initialized_bytes\": %.1f", fmus[f].name, bytes[f]);
         print_times("ns", fmus[f].times, repeats);
-        print_times("initialized_ns", fmus[f].others, repeats);
         printf("}\n");
     }
     free(instances);
@@ -341,7 +332,6 @@ int main(int n_words, char **words) {
         if (!fmu->name || !fmu->binary || !fmu->guid) fail(mode, "an FMU needs name, binary, guid");
         if (!fmu->fmi) fmu->fmi = 2;
         fmu->times = calloc(repeats, sizeof *fmu->times);
-        fmu->others = calloc(repeats, sizeof *fmu->others);
         load(fmu);
     }
     make_signal();

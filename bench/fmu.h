@@ -52,7 +52,6 @@ typedef struct {
     Assignments in, out, reals, integers, booleans;
     size_t n_outputs; /* elements of all outputs */
     double *times;    /* ns, one per repeat */
-    double *others;   /* ns, second measurement of a mode */
     double last;      /* the first output after the last cycle, so that results can be compared */
 #define MEMBER(type, name, arguments) type(*name) arguments;
     struct {

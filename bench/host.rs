@@ -11,13 +11,13 @@ use fmu_host::{FmiVersion, Instance, Instantiation, Library, StepVariables};
 
 const STEP: f64 = 1e-3;
 
-struct Subject {
+struct MeasuredFmu {
     instance: Instance,
     amplitude: f64,
     steps: u32,
 }
 
-impl Subject {
+impl MeasuredFmu {
     fn new(words: &[String]) -> Result<Self, Box<dyn Error>> {
         let [binary, token, input, output, amplitude] = words else {
             return Err("each FMU has five arguments".into());
@@ -55,13 +55,13 @@ impl Subject {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    let [rounds, cycles, fmus @ ..] = &*words else {
+    let [rounds, cycles, words @ ..] = &*words else {
         return Err("the number of rounds and cycles is missing".into());
     };
-    let mut subjects = fmus.chunks(5).map(Subject::new).collect::<Result<Vec<_>, _>>()?;
+    let mut fmus = words.chunks(5).map(MeasuredFmu::new).collect::<Result<Vec<_>, _>>()?;
     for _ in 0..rounds.parse()? {
-        for subject in &mut subjects {
-            print!("{} ", subject.round(cycles.parse()?)?);
+        for fmu in &mut fmus {
+            print!("{} ", fmu.round(cycles.parse()?)?);
         }
         println!();
     }
