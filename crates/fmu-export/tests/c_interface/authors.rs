@@ -13,7 +13,7 @@ const INFINITE: f64 = f64::INFINITY;
 fn a_driver_computes_the_bits_of_the_fmu_and_refuses_what_it_refuses() {
     // Steps that samples and events do not divide.
     let (mut sampled, mut hopper) = (Driver::<Sampled>::new(), Driver::<Hopper>::new());
-    let (other, its) = (Instance::running(PLAIN[0], SAMPLED), Instance::of(PLAIN[0], HOPPER));
+    let (other, its) = (Instance::running(PLAIN[0], SAMPLED), Instance::new(PLAIN[0], HOPPER));
     ok([its.set(Hopper::DRIVE, 1.5)]);
     its.start(0.0, None);
     assert_eq!(hopper.set("drive", 1.5), Ok(()));

@@ -27,7 +27,7 @@ pub struct Arguments<'a> {
 }
 
 impl Arguments<'_> {
-    pub fn of(kind: Kind, model: usize) -> Self {
+    pub fn new(kind: Kind, model: usize) -> Self {
         Self {
             models: MODELS,
             kind,
@@ -185,14 +185,14 @@ impl Drop for Instance {
 }
 
 impl Instance {
-    pub fn of(kind: Kind, model: usize) -> Self {
-        Self::with(&Arguments::of(kind, model))
+    pub fn new(kind: Kind, model: usize) -> Self {
+        Self::with(&Arguments::new(kind, model))
     }
 
     /// An instance that runs, from 0 s: in step mode or continuous-time mode.
     #[track_caller]
     pub fn running(kind: Kind, model: usize) -> Self {
-        Self::of(kind, model).run(0.0)
+        Self::new(kind, model).run(0.0)
     }
 
     #[track_caller]
@@ -200,7 +200,7 @@ impl Instance {
         self.start(time, None);
         if self.kind.1 != Stepped {
             self.update();
-            self.go_on();
+            self.end_event_mode();
         }
         self
     }

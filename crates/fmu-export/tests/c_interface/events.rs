@@ -50,7 +50,7 @@ impl Host {
         let mut next = None;
         if it.kind.1 != Stepped {
             next = it.update().1;
-            it.go_on();
+            it.end_event_mode();
         }
         let f = **it;
         let mut indicators = Vec::new();
@@ -78,7 +78,7 @@ impl Host {
         discrete.into_iter().for_each(set);
         if is_event {
             self.next = self.f.update().1;
-            self.f.go_on();
+            self.f.end_event_mode();
         }
         match self.f.kind.1 {
             Stepped => _ = self.f.steps(time, H),
@@ -90,7 +90,7 @@ impl Host {
                     if results.event {
                         ok([self.f.enter_event_mode()]);
                         self.f.update();
-                        self.f.go_on();
+                        self.f.end_event_mode();
                     }
                 }
             }
@@ -164,7 +164,7 @@ impl OdeSystem for Host {
     fn event(&mut self, time: f64) -> Result<(), Failed> {
         ok([self.f.set_time(time), self.f.enter_event_mode()]);
         self.next = self.f.update().1;
-        self.f.go_on();
+        self.f.end_event_mode();
         Ok(())
     }
 
@@ -241,7 +241,7 @@ fn a_jump_of_a_continuous_input_over_a_threshold_is_an_event_in_each_kind() {
     ] {
         let expected = relay(changes);
         for kind in KINDS {
-            let it = Arguments::of(kind, RELAY).make(|a| a.early_return = true);
+            let it = Arguments::new(kind, RELAY).make(|a| a.early_return = true);
             let found = trajectory(&it, changes, (&[Relay::X], &[Relay::SWITCHES]));
             all_near(&found, &expected, (kind, changes));
         }
@@ -266,7 +266,7 @@ fn the_sign_of_an_event_indicator_before_new_inputs_is_saved() {
 
 #[test]
 fn inputs_of_an_intermediate_update_cause_events() {
-    let arguments = Arguments::of(PLAIN[1], RELAY);
+    let arguments = Arguments::new(PLAIN[1], RELAY);
     let it = arguments.make(|a| a.intermediate = Some(&[Relay::LEVEL])).run(0.0);
     it.on_update(|f, update| {
         if (update.time - 0.2).abs() < 1e-9 {
@@ -326,7 +326,7 @@ fn a_new_value_of_a_discrete_input_or_tunable_parameter_is_an_event_in_each_kind
     for changes in [&each[..], &[on(5, 1.0)], &alternating] {
         let expected = switches(changes);
         for kind in KINDS {
-            let it = Arguments::of(kind, SWITCHES).make(|a| a.early_return = true);
+            let it = Arguments::new(kind, SWITCHES).make(|a| a.early_return = true);
             let found = trajectory(&it, changes, (&[Switches::X], &[Switches::CHANGES]));
             all_near(&found, &expected, (kind, changes));
         }
@@ -367,7 +367,7 @@ fn a_new_value_of_a_discrete_input_or_tunable_parameter_is_an_event_in_each_kind
 fn event_mode_without_need_changes_no_bit() {
     for (model, references) in [(HOPPER, [Hopper::H, Hopper::V]), (RELAY, [Relay::X, Relay::X])] {
         let run = |enters: bool| {
-            let it = Arguments::of(EVENTS, model).make(|a| a.early_return = true).run(0.0);
+            let it = Arguments::new(EVENTS, model).make(|a| a.early_return = true).run(0.0);
             let mut rows = Vec::new();
             for k in 0..30 {
                 let (mut now, end) = (f64::from(k) * 0.1, f64::from(k + 1) * 0.1);
@@ -377,7 +377,7 @@ fn event_mode_without_need_changes_no_bit() {
                     if results.event || enters {
                         ok([it.enter_event_mode()]);
                         it.update();
-                        it.go_on();
+                        it.end_event_mode();
                     }
                 }
                 rows.push(it.get(references).map(f64::to_bits));

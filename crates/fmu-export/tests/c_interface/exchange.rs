@@ -117,7 +117,7 @@ fn samples_are_taken_at_their_instants_and_not_between() {
         };
         let samples = |f: &Instance| (last(f), f.read(Type::Int32, [Sampled::SAMPLES])[0]);
         let new = |ts, start| {
-            let it = Instance::of(kind, SAMPLED);
+            let it = Instance::new(kind, SAMPLED);
             assert_eq!(it.set(Sampled::TS, ts), OK);
             it.start(start, None);
             it
@@ -145,13 +145,13 @@ fn samples_are_taken_at_their_instants_and_not_between() {
 #[test]
 fn what_openmodelica_does_after_the_initialization_is_accepted() {
     for kind in EXCHANGED {
-        let it = Instance::of(kind, BALL);
+        let it = Instance::new(kind, BALL);
         it.start(0.0, None);
         for _ in 0..2 {
             ok([it.enter_event_mode(), it.enter_event_mode()]);
             it.says("event mode is entered in event mode");
             it.update();
-            it.go_on();
+            it.end_event_mode();
         }
         ok([it.enter_event_mode()]);
         assert_eq!(it.messages().len(), 1, "once");
@@ -191,7 +191,7 @@ fn discrete_inputs_may_be_set_again_between_events_as_fmpy_does() {
         ok([it.enter_event_mode()]);
         ok(set(1.0));
         it.update();
-        it.go_on();
+        it.end_event_mode();
         ok(set(1.0));
     }
 }
@@ -217,7 +217,7 @@ fn column(f: Fmu, known: u32) -> [f64; 6] {
 
 /// A ball with drag and drive, after its initialization.
 fn dragged(kind: Kind) -> Instance {
-    let it = Instance::of(kind, BALL);
+    let it = Instance::new(kind, BALL);
     ok([it.set(Ball::DRAG, 0.25)]);
     it.run(0.0)
 }
@@ -256,7 +256,7 @@ fn directional_derivatives_are_those_at_the_states_or_at_the_communication_point
 #[test]
 fn the_start_value_of_an_output_is_kept_until_a_reset() {
     for kind in KINDS {
-        let it = Instance::of(kind, HOPPER);
+        let it = Instance::new(kind, HOPPER);
         let found = || it.get([Hopper::H, Hopper::V_DOT]);
         ok([it.set(Hopper::H, 2.0), it.enter(0.0, None, None)]);
         assert_eq!(found(), [2.0, -Hopper::G]);
@@ -278,7 +278,7 @@ fn the_start_value_of_an_output_is_kept_until_a_reset() {
 #[test]
 fn initial_values_have_derivatives_with_respect_to_start_values() {
     for kind in PLAIN.into_iter().chain(EXCHANGED) {
-        let it = Instance::of(kind, BALL);
+        let it = Instance::new(kind, BALL);
         ok([it.set(Ball::H0, 3.0), it.set(Ball::DRIVE, 0.7), it.enter(0.0, None, None)]);
         it.get(UNKNOWNS); // computes them
         let before = it.snapshot();
@@ -293,7 +293,7 @@ fn initial_values_have_derivatives_with_respect_to_start_values() {
 fn invalid_directions_and_what_has_no_derivatives_are_refused() {
     let none = "drive is not an output, a state, a derivative or an event indicator";
     for (kind, is_initial) in pairs(&KINDS, &[false, true]) {
-        let it = if is_initial { Instance::of(kind, BALL) } else { moving(kind) };
+        let it = if is_initial { Instance::new(kind, BALL) } else { moving(kind) };
         if is_initial {
             ok([it.enter(0.0, None, None)]);
         }
@@ -379,7 +379,7 @@ fn a_derivative_between_steps_changes_nothing_and_is_never_discarded() {
     let three = Instance::running(PLAIN[1], BALL);
     let call = |f: Fmu| f.get_output_derivatives(&[Ball::V], &[1], &mut [0.0; 2]);
     three.refuses("values passed: 2; expected 1", call);
-    let without_names = Instance::of(PLAIN[1], SAMPLED);
+    let without_names = Instance::new(PLAIN[1], SAMPLED);
     ok([without_names.enter_configuration_mode(), without_names.set_u64(&[Sampled::M], &[0])]);
     ok([without_names.exit_configuration_mode()]);
     let of = [Sampled::NAMES, Sampled::Y];

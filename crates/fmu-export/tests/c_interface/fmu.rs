@@ -439,7 +439,7 @@ impl Fmu {
     }
 
     /// Ends event mode.
-    pub fn try_go_on(self) -> Status {
+    pub fn try_end_event_mode(self) -> Status {
         match self.kind.1 {
             Exchanged => self.enter_continuous_time_mode(),
             _ => self.enter_step_mode(),
@@ -447,8 +447,8 @@ impl Fmu {
     }
 
     #[track_caller]
-    pub fn go_on(self) {
-        ok([self.try_go_on()]);
+    pub fn end_event_mode(self) {
+        ok([self.try_end_event_mode()]);
     }
 
     pub fn switch_log(self, on: bool, categories: &[&CStr]) -> Status {

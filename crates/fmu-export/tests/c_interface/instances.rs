@@ -47,7 +47,7 @@ fn wrong_arguments_are_reported() {
             unsuitable,
         ] {
             let [it, silent] = [true, false].map(|has_logger| {
-                Arguments::of(kind, BALL).make(|a| {
+                Arguments::new(kind, BALL).make(|a| {
                     (a.name, a.token, a.has_logger) = (name, token.map(CStr::to_owned), has_logger)
                 })
             });
@@ -61,7 +61,7 @@ fn wrong_arguments_are_reported() {
         // A resource location may be anything; without logger, all works.
         let long = CString::new(vec![b'x'; 100_000]).unwrap();
         for resources in [None, Some(c""), Some(c"not a URI \xff%s%n"), Some(&*long)] {
-            let it = Arguments::of(kind, BALL)
+            let it = Arguments::new(kind, BALL)
                 .make(|a| (a.resources, a.debug, a.has_logger) = (resources, true, false));
             assert_eq!(it.run(0.0).set(Ball::COUNT, 0.0), ERROR);
         }
@@ -78,7 +78,7 @@ fn wrong_arguments_are_reported() {
             name, token.as_ptr(), null(), 0, 0, 0, 0, none, 1, null_mut(), None, None,
         );
         assert!(c.is_null(), "the intermediate variables are NULL");
-        let host = Instance::of(PLAIN[1], BALL);
+        let host = Instance::new(PLAIN[1], BALL);
         let environment = (&raw const *host.host).cast_mut().cast();
         let (token, log) = (token.as_ptr(), Some(receive_3 as _));
         #[rustfmt::skip]
@@ -108,7 +108,7 @@ fn a_model_reads_the_resource_that_a_parameter_names() {
             assert_eq!(f.set_strings(&[Sampled::FILE], &[name.as_ptr()]), OK);
         };
         let initializing = |resources: Option<&CStr>| {
-            let it = Arguments::of(kind, SAMPLED).make(|a| a.resources = resources);
+            let it = Arguments::new(kind, SAMPLED).make(|a| a.resources = resources);
             name(&it, c"weights.txt");
             assert_eq!(it.enter(0.0, None, None), OK);
             it
@@ -152,7 +152,7 @@ fn a_variant_is_another_model_that_starts_with_its_own_values() {
     for kind in PLAIN {
         let variant = |guid: &str| {
             let token = Some(CString::new(guid).unwrap());
-            Arguments::of(kind, EVERY).make(|a| (a.models, a.token) = (VARIANTS, token))
+            Arguments::new(kind, EVERY).make(|a| (a.models, a.token) = (VARIANTS, token))
         };
         let it = variant(VARIANTS[0].guid());
         for _ in 0..2 {
@@ -170,7 +170,7 @@ fn a_variant_is_another_model_that_starts_with_its_own_values() {
         let own = variant(MODELS[EVERY].guid());
         assert!(own.c.is_null());
         own.says("this binary has: Fast {");
-        let bytes = Instance::of(kind, EVERY).snapshot();
+        let bytes = Instance::new(kind, EVERY).snapshot();
         let restore = |f: Fmu| f.deserialize(&bytes, &mut null_mut());
         it.refuses("are a state of the model {", restore);
     }
@@ -182,7 +182,7 @@ fn elements_that_are_in_use_can_be_addressed() {
         for phase in 0..2 {
             let token = Some(CString::new(models[entry].guid()).unwrap());
             let it =
-                Arguments::of(PLAIN[0], SAMPLED).make(|a| (a.models, a.token) = (models, token));
+                Arguments::new(PLAIN[0], SAMPLED).make(|a| (a.models, a.token) = (models, token));
             ok([it.enter(0.0, None, None)]);
             assert!(phase == 0 || it.exit_initialization_mode() == OK);
             for k in 0..3 {
@@ -236,7 +236,7 @@ fn instances_in_threads_give_the_same_results_as_alone() {
 #[test]
 fn instances_are_independent_and_leave_nothing_behind() {
     for kind in PLAIN {
-        let mut instances: Vec<_> = (0..50).map(|_| Instance::of(kind, EVERY)).collect();
+        let mut instances: Vec<_> = (0..50).map(|_| Instance::new(kind, EVERY)).collect();
         for (k, it) in (0..).zip(&instances) {
             assert_eq!(it.set(GAIN, f64::from(k)), OK);
             it.start(0.0, None);

@@ -72,7 +72,7 @@ fn both_versions_and_all_modes_integrate_alike() {
         (EVENTS, true, None),
         (EVENTS, true, Some(&[Hopper::H])),
     ] {
-        let arguments = Arguments::of(kind, HOPPER);
+        let arguments = Arguments::new(kind, HOPPER);
         let it =
             arguments.make(|a| (a.early_return, a.intermediate) = (early_return, intermediate));
         let it = it.run(0.0);
@@ -106,7 +106,7 @@ fn in_event_mode_state_events_end_the_step_or_wait_for_its_end() {
             _ => (1.0, (Type::Boolean, Valve::CLOSED)),
         };
         for early_return in [true, false] {
-            let it = Arguments::of(EVENTS, model).make(|a| a.early_return = early_return);
+            let it = Arguments::new(EVENTS, model).make(|a| a.early_return = early_return);
             assert!(model == VALVE || it.set(Hopper::PERIOD, 1e3) == OK);
             let it = it.run(0.0);
             assert_eq!(it.steps(0.0, 0.4), results(false, false, 0.4));
@@ -131,7 +131,7 @@ fn in_event_mode_state_events_end_the_step_or_wait_for_its_end() {
 #[test]
 fn a_restored_or_reset_instance_is_integrated_with_the_same_bits_and_without_allocating() {
     for kind in PLAIN {
-        let (it, other) = (Instance::running(kind, HOPPER), Instance::of(kind, HOPPER));
+        let (it, other) = (Instance::running(kind, HOPPER), Instance::new(kind, HOPPER));
         for k in 0..20 {
             let (time, bytes) = (f64::from(k) * 0.13, it.snapshot());
             run(&it, time, 0.13, 1);
@@ -174,15 +174,15 @@ fn a_step_that_fails_after_events_changes_nothing() {
             }
         }
         // Events at the start are handled at the initialization. In a step, there may be many, but not without end.
-        let it = Instance::of(kind, HOPPER);
+        let it = Instance::new(kind, HOPPER);
         ok([it.set(Hopper::PERIOD, 0.0)]);
         it.start(2.0, None);
         assert_eq!(values(&it)[5..], [1.0, 2.0]);
-        let it = Instance::of(kind, HOPPER);
+        let it = Instance::new(kind, HOPPER);
         ok([it.set(Hopper::PERIOD, 1e-5)]);
         it.start(0.0, None);
         assert_eq!(run(&it, 0.0, 0.100005, 1)[5], 10000.0);
-        let it = Instance::of(kind, HOPPER);
+        let it = Instance::new(kind, HOPPER);
         ok([it.set(Hopper::PERIOD, 1e-9)]);
         it.start(0.0, None);
         it.steps(0.0, 1e-8);
@@ -201,7 +201,7 @@ fn the_host_sets_the_tolerance_and_inputs_are_constant_during_a_step() {
         let terminal = (Hopper::G / 20.0).sqrt();
         let exact = -terminal * (Hopper::G * 0.2 / terminal).tanh();
         let fall = |tolerance: Option<f64>| {
-            let it = Instance::of(kind, HOPPER);
+            let it = Instance::new(kind, HOPPER);
             ok([it.set(Hopper::DRAG, 20.0), it.enter(0.0, None, tolerance)]);
             if it.exit_initialization_mode() != OK {
                 it.says("expected a positive number");
@@ -219,7 +219,7 @@ fn the_host_sets_the_tolerance_and_inputs_are_constant_during_a_step() {
         for tolerance in [NAN, 0.0, -1e-6, INFINITE] {
             assert_eq!(fall(Some(tolerance)), None);
         }
-        let it = Instance::of(EVENTS, BALL);
+        let it = Instance::new(EVENTS, BALL);
         ok([it.enter(0.0, None, Some(-1.0))]);
         it.refuses("expected a positive number", Fmu::exit_initialization_mode);
         let it = Instance::running(kind, HOPPER);

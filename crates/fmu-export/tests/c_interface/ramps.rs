@@ -10,7 +10,7 @@ const INFINITE: f64 = f64::INFINITY;
 #[test]
 fn a_ramp_applies_to_the_next_step_only() {
     for phase in 0..3 {
-        let it = Instance::of(PLAIN[0], EVERY);
+        let it = Instance::new(PLAIN[0], EVERY);
         let set = || ok([it.set(U, 3.0), it.set_input_derivatives(&[U], &[1], &[8.0])]);
         let calls = [|_| OK, |f: Fmu| f.enter(0.0, None, None), Fmu::exit_initialization_mode];
         for (now, call) in calls.iter().enumerate() {

@@ -37,13 +37,13 @@ fn samples_are_taken_at_their_instants_whatever_the_communication_step() {
             let count = (f64::from(steps) * size / 0.5).ceil();
             assert_eq!(samples(&it), (count, times.to_vec()), "{steps} of {size} s");
         }
-        let late = Instance::of(kind, SAMPLED).run(0.25);
+        let late = Instance::new(kind, SAMPLED).run(0.25);
         late.steps(0.25, 1.25);
         assert_eq!(samples(&late).1, [0.25, 0.75, 1.25], "from the start time");
         let it = Instance::running(kind, SAMPLED);
         it.steps(0.0, 0.75);
         let bytes = it.snapshot();
-        for it in [it, Instance::of(kind, SAMPLED)] {
+        for it in [it, Instance::new(kind, SAMPLED)] {
             it.resume(&bytes).steps(0.75, 0.125);
             assert_eq!(samples(&it).0, 2.0, "no instant in this step");
             it.steps(0.875, 0.25);
@@ -86,7 +86,7 @@ fn failures_in_samples_and_of_the_sample_time() {
             it.start(0.0, None);
             it.steps(0.0, 2.0);
         }
-        let it = Instance::of(kind, SAMPLED);
+        let it = Instance::new(kind, SAMPLED);
         ok([it.set(Sampled::TS, -0.5), it.enter(0.0, None, None)]);
         let words = "the sample time is -0.5 s; expected a positive number";
         it.refuses(words, Fmu::exit_initialization_mode);
@@ -126,7 +126,7 @@ fn the_sample_time_is_that_of_the_initialization() {
 
 /// An instance with event mode after the event at the start, or without.
 fn eventful(mode: Mode, model: usize, early_return: bool, ts: f64) -> Instance {
-    let arguments = Arguments::of((Fmi3, mode), model);
+    let arguments = Arguments::new((Fmi3, mode), model);
     let it = arguments.make(|a| a.early_return = early_return);
     assert!(model != SAMPLED || it.set(Sampled::TS, ts) == OK);
     it.run(0.0)
@@ -137,7 +137,7 @@ fn eventful(mode: Mode, model: usize, early_return: bool, ts: f64) -> Instance {
 pub fn handle(it: &Instance) -> Option<f64> {
     ok([it.enter_event_mode()]);
     let (_, next) = it.update();
-    it.go_on();
+    it.end_event_mode();
     next
 }
 
@@ -203,7 +203,7 @@ fn without_early_return_samples_wait_for_the_end_of_the_step() {
     handle(&late);
     assert_eq!(late.steps(0.5, 0.75), results(true, false, 1.25));
     // Steps end though the rounding of time exceeds the sample time.
-    let late = Instance::of(EVENTS, SAMPLED);
+    let late = Instance::new(EVENTS, SAMPLED);
     ok([late.set(Sampled::TS, 0.001)]);
     let late = late.run(1e9);
     assert_eq!(late.steps(1e9, 0.125), results(true, false, 1e9 + 0.125));
@@ -289,7 +289,7 @@ fn events_that_a_step_passed_are_handled_after_it_up_to_a_limit() {
         (0.3, 0.3 - 1e-8, OK, 1.0),
         (0.3, 0.3 - 1e-6, OK, 0.0),
     ] {
-        let it = Instance::of(EVENTS, HOPPER);
+        let it = Instance::new(EVENTS, HOPPER);
         ok([it.set(Hopper::PERIOD, period)]);
         let it = it.run(0.0);
         it.steps(0.0, step);

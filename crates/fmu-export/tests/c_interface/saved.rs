@@ -29,7 +29,7 @@ fn drive(f: Fmu, first: u32, steps: u32) -> Vec<[f64; 2]> {
 
 /// An instance after five steps, with values of all types.
 fn moving(version: FmiVersion) -> Instance {
-    let it = Instance::of((version, Stepped), EVERY);
+    let it = Instance::new((version, Stepped), EVERY);
     let settable =
         |fact: &&Fact| fact.is_settable(false) && ![U, V, TROUBLE].contains(&fact.reference);
     for fact in FACTS.iter().filter(settable) {
@@ -57,20 +57,20 @@ fn restored_states_continue_bit_for_bit_in_any_instance() {
         assert_eq!(drive(*it, 5, 50), expected);
         drop(it);
         // A state outlives the instance it was taken from.
-        let other = Instance::of(kind, EVERY);
+        let other = Instance::new(kind, EVERY);
         ok([other.set_state(state), other.free_state(&mut state)]);
         assert!(state.is_null());
         assert_eq!(drive(*other, 5, 50), expected);
-        let other = Instance::of(kind, EVERY);
+        let other = Instance::new(kind, EVERY);
         assert_eq!(drive(other.resume(&bytes), 5, 50), expected);
         // States include the phase, the time and the stop time.
-        let made = Instance::of(kind, EVERY).snapshot();
+        let made = Instance::new(kind, EVERY).snapshot();
         other.reset();
         other.start(1.0, Some(2.0));
         other.steps(1.0, H);
         let running = other.snapshot();
         assert_eq!(other.terminate(), OK);
-        let (ended, other) = (other.snapshot(), Instance::of(kind, EVERY));
+        let (ended, other) = (other.snapshot(), Instance::new(kind, EVERY));
         other.resume(&running);
         other.refuses("communication point", |f| f.step(0.5, H));
         other.refuses("stop time", |f| f.step(1.0 + H, 1.0));
@@ -88,7 +88,7 @@ fn restored_states_continue_bit_for_bit_in_any_instance() {
 fn states_can_be_overwritten_and_freed() {
     for version in [Fmi2, Fmi3] {
         let it = moving(version);
-        let fresh = Instance::of(it.kind, EVERY).snapshot();
+        let fresh = Instance::new(it.kind, EVERY).snapshot();
         let state = &mut it.save();
         let address = *state;
         drive(*it, 5, 1);
@@ -262,7 +262,7 @@ fn uses(f: Fmu, model: usize) {
     statuses.push(f.exit_initialization_mode());
     statuses.push(f.get_f64(&[Y.min(Ball::V_DOT)], &mut [0.0]));
     if f.kind.1 != Stepped {
-        statuses.extend([f.try_update().0, f.try_go_on()]);
+        statuses.extend([f.try_update().0, f.try_end_event_mode()]);
     }
     if f.kind.1 == Exchanged {
         statuses.push(f.get_derivatives(&mut [0.0; 2]));
@@ -289,7 +289,7 @@ proptest! {
     ) {
         // With events, a step of 1e9 s would have very many samples.
         let model = if kind.1 == Stepped { model } else { BALL };
-        let it = if fresh { Instance::of(kind, model) } else { Instance::running(kind, model) };
+        let it = if fresh { Instance::new(kind, model) } else { Instance::running(kind, model) };
         let mut forged = content(&it.snapshot()).to_vec();
         for (place, change, new) in edits {
             // Written over others, or with a change of the length.
@@ -308,7 +308,7 @@ proptest! {
             } else {
                 it.says("the state is from an instance for");
             }
-            assert_eq!(Instance::of(kind, model).free_state(&mut state), OK);
+            assert_eq!(Instance::new(kind, model).free_state(&mut state), OK);
         }
     }
 }

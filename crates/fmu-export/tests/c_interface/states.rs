@@ -99,7 +99,7 @@ fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
     for kind in [(Fmi3, Stepped), EVENTS] {
         let new = || {
             let variables = &[Ball::DRIVE, Ball::H];
-            let it = Arguments::of(kind, BALL).make(|a| a.intermediate = Some(variables));
+            let it = Arguments::new(kind, BALL).make(|a| a.intermediate = Some(variables));
             it.run(0.0)
         };
         let plain = new();

@@ -14,7 +14,7 @@ const STEPPED: [Kind; 3] = [PLAIN[0], PLAIN[1], EVENTS];
 
 /// A ball whose first step has ended at `start` + 0.25.
 fn stepped(kind: Kind, start: f64, stop: Option<f64>) -> Instance {
-    let it = Instance::of(kind, BALL);
+    let it = Instance::new(kind, BALL);
     it.start(start, stop);
     assert!(kind != EVENTS || it.enter_step_mode() == OK);
     it.steps(start, 0.25);
@@ -29,12 +29,12 @@ fn invalid_experiments_are_refused() {
         let starts = [NAN, INFINITE, -INFINITE].map(|start| (start, None));
         let stops = [NAN, INFINITE, 0.5].map(|stop| (1.0, Some(stop)));
         for (start, stop) in starts.into_iter().chain(stops) {
-            let it = Instance::of(kind, BALL);
+            let it = Instance::new(kind, BALL);
             it.refuses("expected a finite number", |f| f.enter(start, stop, None));
         }
-        Instance::of(kind, BALL).start(0.0, Some(0.0));
+        Instance::new(kind, BALL).start(0.0, Some(0.0));
     }
-    let it = Instance::of(PLAIN[0], EVERY);
+    let it = Instance::new(PLAIN[0], EVERY);
     ok([it.setup(false, NAN, 3.0, true, 3.0)]);
     it.start(7.0, None);
     assert_eq!(it.get([Y]), [7.0], "the last experiment applies");
@@ -96,12 +96,12 @@ fn steps_continue_at_the_end_of_the_last_one_up_to_rounding() {
 #[test]
 fn the_first_step_may_start_one_step_late_with_a_warning() {
     for kind in PLAIN {
-        let it = Instance::of(kind, BALL).run(2.0);
+        let it = Instance::new(kind, BALL).run(2.0);
         for gap in [-0.5, -0.01, 1.01, 2.0, 1000.0] {
             it.refuses("expected the start time 2", |f| f.step(2.0 + gap * H, H));
         }
         for (gap, warnings) in [(1e-7, 0), (0.5, 1), (1.0, 1)] {
-            let it = Instance::of(kind, BALL).run(2.0);
+            let it = Instance::new(kind, BALL).run(2.0);
             it.steps(2.0 + gap * H, H);
             it.steps(2.0 + (gap + 1.0) * H, H);
             assert_eq!(it.messages().len(), warnings);
@@ -114,7 +114,7 @@ fn the_first_step_may_start_one_step_late_with_a_warning() {
 
 #[test]
 fn the_status_of_fmi_2_has_the_last_successful_time() {
-    let it = Instance::of(PLAIN[0], BALL).run(3.0);
+    let it = Instance::new(PLAIN[0], BALL).run(3.0);
     let (mut ended, mut time, last) = (7, 7.0, fmi2LastSuccessfulTime);
     for now in [3.0, 3.25, 3.5] {
         ok([it.real_status(last, &mut time)]);
@@ -176,7 +176,7 @@ fn a_failed_initialization_can_be_repeated_and_starts_from_fresh_fields() {
         (DISCARD, "discarded by the model"),
     ];
     for (kind, (trouble, words)) in pairs(&KINDS, &troubles) {
-        let it = Instance::of(kind, BALL);
+        let it = Instance::new(kind, BALL);
         ok([it.set(Ball::TROUBLE, trouble), it.enter(0.0, None, None)]);
         it.refuses(words, Fmu::exit_initialization_mode);
         it.refuses(words, |f| f.get_f64(&[Ball::ENERGY], &mut [0.0]));
@@ -186,7 +186,7 @@ fn a_failed_initialization_can_be_repeated_and_starts_from_fresh_fields() {
         ok([it.set(Ball::TROUBLE, 0.0), it.exit_initialization_mode()]);
     }
     for kind in PLAIN {
-        let it = Instance::of(kind, EVERY);
+        let it = Instance::new(kind, EVERY);
         ok([it.enter(1.0, None, None)]);
         for u in [0.25, -1.0, 0.5] {
             ok([it.set(U, u)]);
@@ -195,7 +195,7 @@ fn a_failed_initialization_can_be_repeated_and_starts_from_fresh_fields() {
             assert_eq!(it.texts(&[REPORT], 1), [c"2".to_owned()]);
         }
         ok([it.exit_initialization_mode()]);
-        let new = Instance::of(kind, EVERY);
+        let new = Instance::new(kind, EVERY);
         ok([new.set(U, 0.5)]);
         new.start(1.0, None);
         assert_eq!(it.snapshot(), new.snapshot());

@@ -11,7 +11,7 @@ const INFINITE: f64 = f64::INFINITY;
 
 /// A ball in step mode, with the callback for these variables; the step of its default experiment is 0.1 s.
 pub fn updating(kind: Kind, early_return: bool, variables: &[u32]) -> Instance {
-    let (intermediate, arguments) = (Some(variables), Arguments::of(kind, BALL));
+    let (intermediate, arguments) = (Some(variables), Arguments::new(kind, BALL));
     let it = arguments.make(|a| (a.early_return, a.intermediate) = (early_return, intermediate));
     it.run(0.0)
 }
@@ -38,7 +38,7 @@ fn the_host_is_called_at_equal_parts_of_the_step() {
         it.steps(0.25, 0.5);
         near(it.update_times()[..4].try_into().unwrap(), [0.35, 0.45, 0.55, 0.65], 1e-9);
     }
-    let (intermediate, arguments) = (Some(&[][..]), Arguments::of(PLAIN[1], SAMPLED));
+    let (intermediate, arguments) = (Some(&[][..]), Arguments::new(PLAIN[1], SAMPLED));
     let sampled = arguments.make(|a| a.intermediate = intermediate).run(0.0);
     sampled.steps(0.0, 2.0);
     let times = sampled.update_times();

@@ -15,7 +15,7 @@ use crate::models::*;
 const PHASES: [usize; 3] = [0, 1, 2];
 
 fn in_phase(version: FmiVersion, phase: usize) -> Instance {
-    let it = Instance::of((version, Stepped), EVERY);
+    let it = Instance::new((version, Stepped), EVERY);
     if phase > 0 {
         assert_eq!(it.enter(0.0, None, None), OK);
         it.get_f64(&[Y], &mut [0.0]);
@@ -184,7 +184,7 @@ fn only_inputs_and_tunable_parameters_can_be_set_at_any_time() {
 #[test]
 fn what_can_be_set_depends_on_the_state() {
     for kind in EXCHANGED {
-        let it = Instance::of(kind, BALL);
+        let it = Instance::new(kind, BALL);
         let refuses = |words: &str, of, reference, value| {
             it.refuses(words, |f| f.set_all(of, &[reference], &[value]));
         };
@@ -192,7 +192,7 @@ fn what_can_be_set_depends_on_the_state() {
         it.start(0.0, None);
         ok([it.set(Ball::H, 1.0), it.set(Ball::RESTITUTION, 0.5), it.set(Ball::H0, 1.0)]);
         it.update();
-        it.go_on();
+        it.end_event_mode();
         ok([it.set(Ball::H, 1.0), it.set(Ball::H0, 1.0)]);
         refuses("restitution is not a continuous input", Type::Float64, Ball::RESTITUTION, 0.5);
     }
@@ -410,7 +410,7 @@ fn texts_and_bytes_are_copied_and_live_until_the_next_call_on_their_instance() {
 #[test]
 fn time_is_a_variable_of_fmi_3_that_the_host_never_sets() {
     let time = |f: &Instance| f.get([Ball::TIME])[0];
-    let it = Instance::of((Fmi3, Stepped), BALL);
+    let it = Instance::new((Fmi3, Stepped), BALL);
     assert_eq!(time(&it), 0.0);
     assert_eq!(it.enter(1.5, None, None), OK);
     assert_eq!(time(&it), 1.5);
@@ -425,7 +425,7 @@ fn time_is_a_variable_of_fmi_3_that_the_host_never_sets() {
     it.refuses(words, |f| f.get_f32(&[Ball::TIME], &mut [0.0]));
     assert_eq!(it.terminate(), OK);
     assert_eq!(time(&it), 1.75);
-    let exchange = Instance::of(EXCHANGED[1], BALL).run(1.0);
+    let exchange = Instance::new(EXCHANGED[1], BALL).run(1.0);
     assert_eq!(time(&exchange), 1.0);
     assert_eq!(exchange.set_time(1.25), OK);
     assert_eq!(time(&exchange), 1.25);
@@ -434,7 +434,7 @@ fn time_is_a_variable_of_fmi_3_that_the_host_never_sets() {
 #[test]
 fn sizes_of_arrays_are_set_in_configuration_mode() {
     for kind in [(Fmi3, Stepped), EVENTS, (Fmi3, Exchanged)] {
-        let it = Instance::of(kind, SAMPLED);
+        let it = Instance::new(kind, SAMPLED);
         let sizes = |n: u64, m: u64| move |f: Fmu| f.set_u64(&[Sampled::N, Sampled::M], &[n, m]);
         let gains = |n| it.get_all(Type::Float64, &[Sampled::GAINS], n).1;
         it.refuses("n is a structural parameter", sizes(3, 2));

@@ -60,7 +60,7 @@ pub struct Walk {
 
 impl Drop for Walk {
     fn drop(&mut self) {
-        let other = Instance::of(self.it.kind, self.model);
+        let other = Instance::new(self.it.kind, self.model);
         for (mut state, _) in self.saved.drain(..) {
             other.free_state(&mut state);
         }
@@ -70,7 +70,7 @@ impl Drop for Walk {
 impl Walk {
     pub fn new(kind: Kind, model: usize) -> Self {
         // The log tells the state.
-        let it = Arguments::of(kind, model).make(|a| (a.early_return, a.debug) = (true, true));
+        let it = Arguments::new(kind, model).make(|a| (a.early_return, a.debug) = (true, true));
         let fresh = it.snapshot();
         Self { it, model, place: START, fresh, saved: Vec::new() }
     }
