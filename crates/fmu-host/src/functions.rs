@@ -18,7 +18,7 @@ pub(crate) struct Handle {
     pub(crate) version: FmiVersion,
     /// The WebAssembly component that is called instead, if the FMU is one.
     #[cfg(feature = "sandbox")]
-    pub(crate) component: Option<Box<crate::sandbox::Instance>>,
+    pub(crate) component: Option<Box<crate::sandbox::ComponentInstance>>,
 }
 
 /// An instance as FMI 2.0 sees it.

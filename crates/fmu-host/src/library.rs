@@ -16,7 +16,7 @@ use crate::logger::text;
 use crate::outcome::{Cause, Failure, Result, Status, Success};
 use crate::resources::{resource_path, uri};
 #[cfg(feature = "sandbox")]
-use crate::sandbox::{self, Compiled};
+use crate::sandbox::{self, CompiledComponent};
 
 /// An FMU binary of one version of FMI, or a WebAssembly component. It is unloaded when neither the caller nor an instance uses it.
 pub struct Library {
@@ -36,7 +36,7 @@ pub(crate) enum Binary {
     /// The functions are part of this program.
     Function,
     #[cfg(feature = "sandbox")]
-    Component(Box<Compiled>),
+    Component(Box<CompiledComponent>),
 }
 
 impl Binary {
@@ -327,7 +327,7 @@ fn open(file: &Path) -> std::result::Result<Binary, LoadError> {
 
 #[cfg(feature = "sandbox")]
 fn open_component(file: &Path) -> std::result::Result<Binary, LoadError> {
-    let compiled = Compiled::load(file).map_err(LoadError)?;
+    let compiled = CompiledComponent::load(file).map_err(LoadError)?;
     Ok(Binary::Component(Box::new(compiled)))
 }
 

@@ -1,12 +1,12 @@
 //! How components pass arguments and results: the canonical ABI of the component model.
 
 use std::slice;
+use std::sync::Arc;
 
 use fmi_abi::fmi3::{fmi3Error, fmi3Status};
 use wasmtime::{AsContextMut, Caller, Error, Func, Memory, Result, Store, Val, ValRaw};
 
-use super::Data;
-use super::link::Function;
+use super::host_state::HostState;
 
 const _: () = assert!(cfg!(target_endian = "little"), "memory of components is little-endian");
 
@@ -49,8 +49,20 @@ macro_rules! numbers {
 
 numbers! { f32 f64 i8 i16 i32 i64 u8 u16 u32 u64 }
 
+/// A function of a component in a store.
+pub(super) struct ComponentFunction {
+    /// The types of the component, such as `borrow,list<u32>->status`.
+    pub(super) signature: Arc<str>,
+    pub(super) function: Func,
+    pub(super) memory: Option<Memory>,
+    pub(super) realloc: Option<Func>,
+    /// Memory for arguments, in place of what `realloc` gives for each call.
+    pub(super) arguments: Option<u32>,
+    pub(super) post_return: Option<Func>,
+}
+
 /// An argument.
-pub(super) enum Given<'a> {
+pub(super) enum Argument<'a> {
     Whole(u32),
     Float(f64),
     /// The bytes of a list, the number of its elements, and their alignment.
@@ -59,7 +71,7 @@ pub(super) enum Given<'a> {
     Lists(&'a [&'a [u8]]),
 }
 
-impl<'a> Given<'a> {
+impl<'a> Argument<'a> {
     pub(super) fn list<T: Number>(values: &'a [T]) -> Self {
         // SAFETY: a slice of numbers is one of bytes.
         let bytes = unsafe { slice::from_raw_parts(values.as_ptr().cast(), size_of_val(values)) };
@@ -83,19 +95,19 @@ impl<'a> Given<'a> {
     }
 }
 
-impl From<bool> for Given<'_> {
+impl From<bool> for Argument<'_> {
     fn from(value: bool) -> Self {
         Self::Whole(value.into())
     }
 }
 
 /// Why a call has no result.
-pub(super) enum Fault {
+pub(super) enum CallError {
     Status(fmi3Status),
     Trap(Error),
 }
 
-impl From<Error> for Fault {
+impl From<Error> for CallError {
     fn from(error: Error) -> Self {
         Self::Trap(error)
     }
@@ -107,12 +119,12 @@ impl From<Error> for Fault {
 /// The function has arguments of these types, and no result or one of 32 bits.
 #[inline(always)]
 pub(super) unsafe fn call<R>(
-    store: &mut Store<Data>,
-    function: &Function,
+    store: &mut Store<HostState>,
+    function: &ComponentFunction,
     handle: Option<u32>,
-    given: &[Given<'_>],
-    read: impl FnOnce(Answer<'_>) -> Result<R, Fault>,
-) -> Result<R, Fault> {
+    given: &[Argument<'_>],
+    read: impl FnOnce(Returned<'_>) -> Result<R, CallError>,
+) -> Result<R, CallError> {
     // At most 16 values are passed in this way, and at least one is returned.
     let (mut flat, mut n) = ([ValRaw::u32(0); 16], 0);
     let mut push = |value| {
@@ -123,13 +135,13 @@ pub(super) unsafe fn call<R>(
     let mut pass = Passing { function, used: 0 };
     for argument in given {
         match *argument {
-            Given::Whole(value) => push(ValRaw::u32(value)),
-            Given::Float(value) => push(ValRaw::f64(value.to_bits())),
-            Given::List(list, n, alignment) => {
+            Argument::Whole(value) => push(ValRaw::u32(value)),
+            Argument::Float(value) => push(ValRaw::f64(value.to_bits())),
+            Argument::List(list, n, alignment) => {
                 push(ValRaw::u32(pass.list(store, list, alignment)?));
                 push(ValRaw::u32(n as u32));
             }
-            Given::Lists(lists) => {
+            Argument::Lists(lists) => {
                 let mut places = Vec::new();
                 for list in lists {
                     places.extend([pass.list(store, list, 1)?, list.len() as u32]);
@@ -144,7 +156,7 @@ pub(super) unsafe fn call<R>(
     unsafe { function.function.call_unchecked(&mut *store, &mut flat)? };
     let flat = flat[0].get_u32();
     let memory = function.memory.as_ref().map_or(&[][..], |memory| memory.data(&*store));
-    let result = read(Answer { memory, flat });
+    let result = read(Returned { memory, flat });
     if let Some(post_return) = &function.post_return {
         // SAFETY: as above; it gets the result, if there is one.
         unsafe { post_return.call_unchecked(store, &mut [ValRaw::u32(flat)])? };
@@ -158,7 +170,7 @@ pub(super) const ARGUMENTS: usize = 2048;
 
 /// The lists of a call.
 struct Passing<'a> {
-    function: &'a Function,
+    function: &'a ComponentFunction,
     /// The number of bytes in use of the component's memory for arguments.
     used: usize,
 }
@@ -166,8 +178,8 @@ struct Passing<'a> {
 impl Passing<'_> {
     /// Copies the bytes of a list to memory that the component gives for it.
     #[inline(always)]
-    fn list(&mut self, store: &mut Store<Data>, list: &[u8], alignment: usize) -> Result<u32> {
-        let Function { memory, realloc, arguments, .. } = *self.function;
+    fn list(&mut self, store: &mut Store<HostState>, list: &[u8], alignment: usize) -> Result<u32> {
+        let ComponentFunction { memory, realloc, arguments, .. } = *self.function;
         match arguments {
             Some(start) if list.len() <= ARGUMENTS - self.used => {
                 let at = start.saturating_add(self.used as u32);
@@ -202,7 +214,7 @@ pub(super) fn copy(
 /// Copies a text from the memory of a component to that of another. Its place, its length, and the place of the copy
 /// are given.
 pub(super) fn copy_text(
-    mut caller: Caller<'_, Data>,
+    mut caller: Caller<'_, HostState>,
     given: &[Val],
     from: Memory,
     to: Memory,
@@ -229,28 +241,28 @@ fn no_memory() -> Error {
 }
 
 /// What a function returns.
-pub(super) struct Answer<'a> {
+pub(super) struct Returned<'a> {
     memory: &'a [u8],
     /// The result, or its place.
     flat: u32,
 }
 
-impl<'a> Answer<'a> {
+impl<'a> Returned<'a> {
     /// Nothing but a status.
-    pub(super) fn status(&self) -> Result<(), Fault> {
+    pub(super) fn status(&self) -> Result<(), CallError> {
         match status(self.flat)? {
             fmi3Status(0) => Ok(()),
-            status => Err(Fault::Status(status)),
+            status => Err(CallError::Status(status)),
         }
     }
 
     /// The bytes of a result, which comes after the flag that it is one, or in place of a status.
     #[inline(always)]
-    pub(super) fn result<const N: usize>(&self, alignment: u32) -> Result<[u8; N], Fault> {
+    pub(super) fn result<const N: usize>(&self, alignment: u32) -> Result<[u8; N], CallError> {
         let payload = self.flat.saturating_add(alignment);
         match self.bytes(self.flat)? {
             [0] => Ok(self.bytes(payload)?),
-            [1] => Err(Fault::Status(match status(self.bytes::<1>(payload)?[0].into())? {
+            [1] => Err(CallError::Status(match status(self.bytes::<1>(payload)?[0].into())? {
                 // Without results.
                 fmi3Status(0 | 1) => fmi3Error,
                 status => status,
@@ -260,7 +272,7 @@ impl<'a> Answer<'a> {
     }
 
     /// A value, or nothing.
-    pub(super) fn option(&self) -> Result<Option<u32>, Fault> {
+    pub(super) fn option(&self) -> Result<Option<u32>, CallError> {
         match self.bytes(self.flat)? {
             [0] => Ok(None),
             [1] => Ok(Some(u32::from_le_bytes(self.bytes(self.flat.saturating_add(4))?))),
@@ -270,10 +282,10 @@ impl<'a> Answer<'a> {
 
     /// Copies the list of a result to values of the host, if there are as many.
     #[inline(always)]
-    pub(super) fn copy<T: Number>(&self, to: &mut [T], other: fmi3Status) -> Result<(), Fault> {
+    pub(super) fn copy<T: Number>(&self, to: &mut [T], other: fmi3Status) -> Result<(), CallError> {
         let list = self.list(size_of::<T>())?;
         if list.len() != size_of_val(to) {
-            return Err(Fault::Status(other));
+            return Err(CallError::Status(other));
         }
         // SAFETY: a slice of numbers is one of bytes, and any bytes are numbers.
         unsafe { slice::from_raw_parts_mut(to.as_mut_ptr().cast(), list.len()) }
@@ -283,12 +295,12 @@ impl<'a> Answer<'a> {
 
     /// The bytes of the list of a result, with elements of a size.
     #[inline(always)]
-    pub(super) fn list(&self, size: usize) -> Result<&'a [u8], Fault> {
+    pub(super) fn list(&self, size: usize) -> Result<&'a [u8], CallError> {
         Ok(self.at(self.result(4)?, size)?)
     }
 
     /// The lists or texts of the list of a result.
-    pub(super) fn lists(&self) -> Result<Vec<&'a [u8]>, Fault> {
+    pub(super) fn lists(&self) -> Result<Vec<&'a [u8]>, CallError> {
         let (lists, _) = self.list(8)?.as_chunks();
         Ok(lists.iter().map(|list| self.at(*list, 1)).collect::<Result<_>>()?)
     }

@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use wasmtime::{
-    Error, Extern, ExternType, Func, FuncType, Global, Instance, Memory, Module, Result, Store, Val,
+    Error, Extern, ExternType, Func, FuncType, Global, Instance, Memory, Module, Result, Store,
+    TypedFunc, Val,
 };
 use wasmtime_environ::component::{
     CanonicalOptionsDataModel, Component, ComponentTypes, ComponentTypesBuilder, CoreDef,
@@ -17,8 +18,15 @@ use wasmtime_environ::component::{
 use wasmtime_environ::wasmparser::Validator;
 use wasmtime_environ::{EntityIndex, PrimaryMap, ScopeVec, Tunables};
 
-use super::cycle::Cycling;
-use super::{Data, PACKAGE, abi, host};
+use super::abi::{self, ComponentFunction};
+use super::host_state::HostState;
+use super::imports;
+
+/// The interfaces of the draft.
+pub(super) const PACKAGE: &str = "fmi:fmi3";
+
+/// Makes the calls of a step: it gets what stands for the instance and the place of a record, and returns a status.
+pub(super) type CycleFunction = TypedFunc<(u32, u32), u32>;
 
 /// A component in parts.
 pub(super) struct Parts {
@@ -37,21 +45,9 @@ struct Exported {
     signature: Arc<str>,
 }
 
-/// A function of a component in a store.
-pub(super) struct Function {
-    /// The types of the component, such as `borrow,list<u32>->status`.
-    pub(super) signature: Arc<str>,
-    pub(super) function: Func,
-    pub(super) memory: Option<Memory>,
-    pub(super) realloc: Option<Func>,
-    /// Memory for arguments, in place of what `realloc` gives for each call.
-    pub(super) arguments: Option<u32>,
-    pub(super) post_return: Option<Func>,
-}
-
 impl Parts {
     /// Takes a component apart, and compiles its modules.
-    pub(super) fn of(bytes: &[u8], compile: impl Fn(&[u8]) -> Result<Module>) -> Result<Self> {
+    pub(super) fn new(bytes: &[u8], compile: impl Fn(&[u8]) -> Result<Module>) -> Result<Self> {
         let (scope, tunables, mut validator) =
             (ScopeVec::new(), Tunables::default_host(), Validator::new());
         let mut types = ComponentTypesBuilder::new(&validator);
@@ -153,12 +149,12 @@ pub(super) struct Linked<'a> {
     imports: Vec<(&'a str, &'a str)>,
     /// Which of the instances has memory for arguments, and where.
     arguments: Option<(usize, u32)>,
-    pub(super) cycle: Option<Cycling>,
+    pub(super) cycle: Option<CycleFunction>,
 }
 
 impl<'a> Linked<'a> {
     /// Instantiates the modules.
-    pub(super) fn new(parts: &'a Parts, store: &mut Store<Data>) -> Result<Self> {
+    pub(super) fn new(parts: &'a Parts, store: &mut Store<HostState>) -> Result<Self> {
         let mut linked = Self {
             parts,
             instances: Vec::new(),
@@ -216,10 +212,10 @@ impl<'a> Linked<'a> {
     /// Finds a function that the component exports.
     pub(super) fn find(
         &self,
-        store: &mut Store<Data>,
+        store: &mut Store<HostState>,
         interface: &str,
         name: &str,
-    ) -> Result<Option<Function>> {
+    ) -> Result<Option<ComponentFunction>> {
         let Some(exported) = self.parts.exports.get(&(interface.to_owned(), name.to_owned()))
         else {
             return Ok(None);
@@ -240,7 +236,7 @@ impl<'a> Linked<'a> {
             }
             _ => None,
         };
-        Ok(Some(Function { signature, function, memory, realloc, arguments, post_return }))
+        Ok(Some(ComponentFunction { signature, function, memory, realloc, arguments, post_return }))
     }
 
     /// How arguments and results are passed.
@@ -255,7 +251,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    fn function(&self, store: &mut Store<Data>, from: &CoreDef) -> Result<Func> {
+    fn function(&self, store: &mut Store<HostState>, from: &CoreDef) -> Result<Func> {
         match from {
             CoreDef::Export(export) => {
                 self.export(store, export)?.into_func().ok_or_else(unsupported)
@@ -264,7 +260,11 @@ impl<'a> Linked<'a> {
         }
     }
 
-    fn export(&self, store: &mut Store<Data>, export: &CoreExport<EntityIndex>) -> Result<Extern> {
+    fn export(
+        &self,
+        store: &mut Store<HostState>,
+        export: &CoreExport<EntityIndex>,
+    ) -> Result<Extern> {
         let (module, instance) = self.instances[export.instance.as_u32() as usize];
         let name = match &export.item {
             ExportItem::Index(index) => self.parts.modules[module.as_u32() as usize].1.get(index),
@@ -274,7 +274,12 @@ impl<'a> Linked<'a> {
     }
 
     /// What a module imports.
-    fn import(&self, store: &mut Store<Data>, from: &CoreDef, of: ExternType) -> Result<Extern> {
+    fn import(
+        &self,
+        store: &mut Store<HostState>,
+        from: &CoreDef,
+        of: ExternType,
+    ) -> Result<Extern> {
         let function = match (from, of) {
             (CoreDef::Export(export), _) => return self.export(store, export),
             // The flags of a component say whether it may be called and may call others. Components that call each other in
@@ -288,7 +293,7 @@ impl<'a> Linked<'a> {
                     Trampoline::LowerImport { index, options, .. } => {
                         let (memory, realloc) = self.passing(*options)?;
                         let (interface, name) = self.imports[index.as_u32() as usize];
-                        host::function(store, of, (interface, name), (memory, realloc))
+                        imports::function(store, of, (interface, name), (memory, realloc))
                     }
                     // A handle is what it stands for.
                     Trampoline::ResourceNew(_)
@@ -338,7 +343,7 @@ impl<'a> Linked<'a> {
     /// The function that drops a handle of a table. It ends the resource, unless the handle was borrowed.
     fn drop_of(
         &self,
-        store: &mut Store<Data>,
+        store: &mut Store<HostState>,
         table: TypeResourceTableIndex,
         of: FuncType,
     ) -> Result<Func> {

@@ -6,8 +6,8 @@ use std::ptr;
 
 use wasmtime::{Caller, Error, Func, FuncType, Memory, Result, Store, Val};
 
-use super::Data;
 use super::abi;
+use super::host_state::HostState;
 use crate::logger::{self, LogMessage};
 use crate::outcome::Status;
 
@@ -15,8 +15,8 @@ use crate::outcome::Status;
 const STDERR: u32 = 1;
 
 /// A call of a function, as the canonical ABI passes it.
-struct Call<'a> {
-    caller: Caller<'a, Data>,
+struct ImportCall<'a> {
+    caller: Caller<'a, HostState>,
     given: &'a [Val],
     memory: Option<Memory>,
     realloc: Option<Func>,
@@ -24,7 +24,7 @@ struct Call<'a> {
 
 /// The function of an interface, with the memory that it uses.
 pub(super) fn function(
-    store: &mut Store<Data>,
+    store: &mut Store<HostState>,
     of: FuncType,
     (interface, name): (&str, &str),
     (memory, realloc): (Option<Memory>, Option<Func>),
@@ -37,7 +37,7 @@ pub(super) fn function(
                 _ => Val::default_for_ty(&of).ok_or_else(|| Error::msg("a type is unknown"))?,
             };
         }
-        let mut call = Call { caller, given, memory, realloc };
+        let mut call = ImportCall { caller, given, memory, realloc };
         match interface.strip_prefix("fmi:fmi3/") {
             Some(_) => call.perform(&name),
             None => call.grant_nothing(&name),
@@ -51,7 +51,7 @@ pub(super) fn function(
     })
 }
 
-impl Call<'_> {
+impl ImportCall<'_> {
     /// Performs a function of the draft. Returns whether it is one.
     fn perform(&mut self, name: &str) -> Result<bool> {
         match name {
@@ -80,7 +80,7 @@ impl Call<'_> {
     }
 
     /// Performs a WASI function, as components compiled for `wasm32-wasip2` import them; nothing is granted. Lines that it prints become messages. Results are 0, which is an empty text or list, none or
-    /// success. Returns whether that is a sensible answer.
+    /// success. Returns whether that is a sensible returned.
     fn grant_nothing(&mut self, name: &str) -> Result<bool> {
         match name {
             "get-arguments" | "get-environment" | "get-directories" => self.put_list(0, 0, &[])?,
