@@ -45,18 +45,23 @@ impl StepVariables {
 /// it up, as of a WebAssembly component.
 pub(crate) struct Access<V> {
     pub(crate) listed: StepVariables,
-    fmi2: Option<Fmi2<V>>,
-    fmi3: Option<Fmi3<V>>,
+    fmi2: Option<AccessFmi2<V>>,
+    fmi3: Option<AccessFmi3<V>>,
 }
 
-pub(crate) type Fmi2<V> = unsafe extern "C" fn(fmi2Component, *const u32, usize, V) -> fmi2Status;
-pub(crate) type Fmi3<V> =
+pub(crate) type AccessFmi2<V> =
+    unsafe extern "C" fn(fmi2Component, *const u32, usize, V) -> fmi2Status;
+pub(crate) type AccessFmi3<V> =
     unsafe extern "C" fn(fmi3Instance, *const u32, usize, V, usize) -> fmi3Status;
 
 impl<V> Access<V> {
     const NOTHING: Self = Self { listed: StepVariables::NOTHING, fmi2: None, fmi3: None };
 
-    pub(crate) fn new(listed: StepVariables, fmi2: Option<Fmi2<V>>, fmi3: Option<Fmi3<V>>) -> Self {
+    pub(crate) fn new(
+        listed: StepVariables,
+        fmi2: Option<AccessFmi2<V>>,
+        fmi3: Option<AccessFmi3<V>>,
+    ) -> Self {
         match listed.references[..] {
             [] => Self::NOTHING,
             _ => Self { listed, fmi2, fmi3 },

@@ -11,7 +11,7 @@ use fmu_host::{Cause, Failure, Instance, InterfaceType, Status};
 
 use crate::binary::excitation::{Input, other_values, starts};
 use crate::binary::observed::{Observed, Row, Trajectory, get, is_discrete};
-use crate::binary::subject::{SKIP, Setup, Subject};
+use crate::binary::subject::{RunSetup, SKIP, Subject};
 use crate::rule::{Rule, rule};
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
@@ -33,7 +33,7 @@ pub struct Solver {
 pub struct Run<'a> {
     pub(crate) subject: &'a Subject<'a>,
     /// How the run differs from the usual run.
-    pub setup: Setup<'a>,
+    pub setup: RunSetup<'a>,
     pub instance: Instance,
     pub position: Position,
     pub is_initialized: bool,
@@ -62,7 +62,7 @@ pub struct Position {
 }
 
 impl<'a> Run<'a> {
-    pub fn instantiate(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+    pub fn instantiate(subject: &'a Subject<'a>, setup: RunSetup<'a>) -> Result<Self> {
         Ok(Self {
             subject,
             setup,
@@ -76,20 +76,20 @@ impl<'a> Run<'a> {
         })
     }
 
-    pub fn initializing(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+    pub fn initializing(subject: &'a Subject<'a>, setup: RunSetup<'a>) -> Result<Self> {
         let mut run = Self::instantiate(subject, setup)?;
         run.enter_initialization()?;
         Ok(run)
     }
 
-    pub fn begin(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+    pub fn begin(subject: &'a Subject<'a>, setup: RunSetup<'a>) -> Result<Self> {
         let mut run = Self::instantiate(subject, setup)?;
         run.initialize()?;
         Ok(run)
     }
 
     /// A run after its first step; the test ends if the FMU ends the run in it.
-    pub fn stepped(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+    pub fn stepped(subject: &'a Subject<'a>, setup: RunSetup<'a>) -> Result<Self> {
         let mut run = Self::begin(subject, setup)?;
         run.advance()?;
         ensure!(!run.ended, SKIP);
@@ -97,7 +97,7 @@ impl<'a> Run<'a> {
     }
 
     /// A run that was terminated after its first step.
-    pub fn terminated(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+    pub fn terminated(subject: &'a Subject<'a>, setup: RunSetup<'a>) -> Result<Self> {
         let mut run = Self::stepped(subject, setup)?;
         run.instance.terminate()?;
         Ok(run)
@@ -112,7 +112,7 @@ impl<'a> Run<'a> {
     }
 
     /// The rows of a short run.
-    pub fn recorded(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Trajectory> {
+    pub fn recorded(subject: &'a Subject<'a>, setup: RunSetup<'a>) -> Result<Trajectory> {
         Self::begin(subject, setup)?.record()
     }
 
@@ -251,7 +251,7 @@ impl<'a> Run<'a> {
     }
 
     pub fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
-        let Setup { excitation, seed, .. } = self.setup;
+        let RunSetup { excitation, seed, .. } = self.setup;
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
             if let Some(values) = input.values(excitation, seed, self.position.point) {
                 self.set(input.variable, &values)?;
@@ -373,7 +373,7 @@ impl<'a> Run<'a> {
 
     /// Takes a step; returns whether it has returned early.
     fn step_once(&mut self, time: f64, step: f64) -> Result<bool> {
-        let Setup { event_mode, early_return, .. } = self.setup;
+        let RunSetup { event_mode, early_return, .. } = self.setup;
         let discrete = self.subject.observed.variables().filter(|v| event_mode && is_discrete(v));
         let discrete = self.subject.group(discrete);
         let before = self.row(&discrete)?;

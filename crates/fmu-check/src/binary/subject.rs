@@ -78,7 +78,7 @@ pub struct LogCounts {
 
 /// The differences between runs of the same FMU.
 #[derive(Debug, Clone, Copy)]
-pub struct Setup<'a> {
+pub struct RunSetup<'a> {
     pub name: &'a str,
     pub logging: bool,
     pub stop: Option<f64>,
@@ -102,7 +102,7 @@ pub struct Setup<'a> {
     pub early_return: bool,
 }
 
-impl Setup<'_> {
+impl RunSetup<'_> {
     pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
         change(&mut self);
         self
@@ -176,9 +176,9 @@ impl<'a> Subject<'a> {
     }
 
     /// The usual setup. FMUs with clocks need event mode (FMI 3.0.2, section 2.3.1).
-    pub fn setup(&self) -> Setup<'static> {
+    pub fn setup(&self) -> RunSetup<'static> {
         let is_exchange = self.interface_type == InterfaceType::ModelExchange;
-        Setup {
+        RunSetup {
             name: "instance",
             logging: self.task.logging,
             stop: self.stop,
@@ -195,16 +195,16 @@ impl<'a> Subject<'a> {
     }
 
     /// The usual setup, with inputs that keep their start values.
-    pub fn still(&self) -> Setup<'static> {
+    pub fn still(&self) -> RunSetup<'static> {
         self.setup().with(|s| s.excitation = 0.0)
     }
 
     /// The setup of another instance, with another excitation than the usual one.
-    pub fn other(&self) -> Setup<'static> {
+    pub fn other(&self) -> RunSetup<'static> {
         self.setup().with(|s| (s.name, s.seed) = ("other", 3))
     }
 
-    pub fn instantiate(&self, setup: &Setup<'_>) -> Result<Instance> {
+    pub fn instantiate(&self, setup: &RunSetup<'_>) -> Result<Instance> {
         let instance = self.try_instantiate(setup, self.model.token())?;
         instance.with_context(|| {
             let tool = match self.claims("needsExecutionTool") {
@@ -219,7 +219,7 @@ impl<'a> Subject<'a> {
 
     /// Creates an instance with this GUID; `None` if the FMU rejects it. The test ends if the process would have
     /// more instances than the FMU allows.
-    pub fn try_instantiate(&self, setup: &Setup<'_>, guid: &str) -> Result<Option<Instance>> {
+    pub fn try_instantiate(&self, setup: &RunSetup<'_>, guid: &str) -> Result<Option<Instance>> {
         ensure!(!self.is_used.swap(true, Relaxed) || !self.is_alone(), SKIP);
         let arguments = Instantiation {
             name: setup.name,

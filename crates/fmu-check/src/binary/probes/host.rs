@@ -16,7 +16,7 @@ use fmu_host::{Treatment, environment, stray_messages};
 use super::misuse::{WRONG_GUID, provoke};
 use crate::binary::report::{check, lock};
 use crate::binary::run::Run;
-use crate::binary::subject::{SKIP, Setup, Subject};
+use crate::binary::subject::{RunSetup, SKIP, Subject};
 use crate::binary::task::FMU;
 use crate::rule::{Rule, rule};
 
@@ -131,7 +131,7 @@ pub fn short_lived_strings(subject: &Subject<'_>) -> Result<()> {
 pub fn with_text(subject: &Subject<'_>, what: &str, text: &str) -> Result<()> {
     let stage = format!("with {what} in the name of the instance and in Strings");
     subject.report.stage(stage);
-    let setup = Setup { name: text, logging: true, ..subject.setup() };
+    let setup = RunSetup { name: text, logging: true, ..subject.setup() };
     provoke(subject, setup);
     let mut run = Run::instantiate(subject, setup).ok().context(SKIP)?;
     for variable in subject.settable().filter(|v| v.of_type == Type::String) {

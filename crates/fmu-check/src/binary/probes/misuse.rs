@@ -12,7 +12,7 @@ use crate::binary::excitation::other_value;
 use crate::binary::observed::{Difference, is_tested, readable};
 use crate::binary::report::check;
 use crate::binary::run::Run;
-use crate::binary::subject::{SKIP, Setup, Subject};
+use crate::binary::subject::{RunSetup, SKIP, Subject};
 use crate::rule::{Rule, rule};
 
 /// A GUID of another FMU.
@@ -29,7 +29,7 @@ pub fn guid(subject: &Subject<'_>) -> Result<()> {
 
 /// Makes mistakes about which an FMU should log a message, unless it crashes then, which is a finding of
 /// its own.
-pub fn provoke(subject: &Subject<'_>, setup: Setup<'_>) {
+pub fn provoke(subject: &Subject<'_>, setup: RunSetup<'_>) {
     if !subject.task.is_fragile {
         make_mistakes(subject, setup);
     }
@@ -41,7 +41,7 @@ pub fn mistakes(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-fn make_mistakes(subject: &Subject<'_>, setup: Setup<'_>) {
+fn make_mistakes(subject: &Subject<'_>, setup: RunSetup<'_>) {
     let unknown = unknown(subject);
     let new = || Run::instantiate(subject, setup);
     let _ = new().map(|mut run| run.instance.get_float64(&[unknown], &mut [0.0]));
@@ -79,7 +79,7 @@ impl<'a> Refused<'a> {
     fn call<T, E>(
         &mut self,
         what: impl Into<String>,
-        at: impl FnOnce(&'a Subject<'a>, Setup<'a>) -> Result<Run<'a>>,
+        at: impl FnOnce(&'a Subject<'a>, RunSetup<'a>) -> Result<Run<'a>>,
         call: impl FnOnce(&mut Run<'a>) -> Result<T, E>,
     ) -> Result<()> {
         let what = what.into();

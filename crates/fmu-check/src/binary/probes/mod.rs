@@ -18,7 +18,7 @@ use fmu_description::xml::Element;
 
 use crate::binary::observed::Trajectory;
 use crate::binary::run::{Run, is_refusal};
-use crate::binary::subject::{SKIP, Setup, Subject};
+use crate::binary::subject::{RunSetup, SKIP, Subject};
 use crate::binary::vocabulary::{ONLY_ONCE, claims};
 use crate::rule::{Rule, rule};
 use Trait::{
@@ -156,7 +156,7 @@ fn same_with(
     subject: &Subject<'_>,
     how: [&str; 2],
     tolerance: f64,
-    change: impl FnOnce(&mut Setup<'_>),
+    change: impl FnOnce(&mut RunSetup<'_>),
 ) -> Result<()> {
     same(subject, how, tolerance, |subject, how| {
         subject.report.stage(how);

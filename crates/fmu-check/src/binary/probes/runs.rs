@@ -14,7 +14,7 @@ use crate::binary::excitation::{allows, real_range};
 use crate::binary::observed::{Row, Trajectory, element_name, shown};
 use crate::binary::report::check;
 use crate::binary::run::{Run, is_refusal};
-use crate::binary::subject::{SKIP, Setup, Subject};
+use crate::binary::subject::{RunSetup, SKIP, Subject};
 use crate::binary::task::{Pace, Reply};
 use crate::rule::{Rule, rule};
 
@@ -62,7 +62,7 @@ pub fn experiment(subject: &Subject<'_>) -> Result<()> {
 }
 
 /// Runs to the end and looks for invalid values; returns how fast it was, and what was found.
-fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<Pace>, Found) {
+fn watch(subject: &Subject<'_>, setup: RunSetup<'_>) -> (Result<Pace>, Found) {
     /// Larger states are likely to be an error of our solver.
     const MODERATE: f64 = 1e6;
     let elements: Vec<_> = subject.observed.elements().collect();
@@ -173,7 +173,7 @@ fn slows_down(steps: usize, times: &[Instant]) -> Option<String> {
 }
 
 /// A short run, which the parent compares with runs of other processes.
-pub fn trace(subject: &Subject<'_>, setup: Setup<'_>) -> Result<()> {
+pub fn trace(subject: &Subject<'_>, setup: RunSetup<'_>) -> Result<()> {
     for (time, row) in Run::recorded(subject, setup)? {
         subject.report.reply(&Reply::Row(time, row));
     }
@@ -315,7 +315,7 @@ pub fn flags(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-fn run_with(subject: &Subject<'_>, change: impl FnOnce(&mut Setup<'_>)) -> Result<()> {
+fn run_with(subject: &Subject<'_>, change: impl FnOnce(&mut RunSetup<'_>)) -> Result<()> {
     let mut run = Run::begin(subject, subject.setup().with(change))?;
     run.record()?;
     run.instance.terminate()?;
