@@ -135,9 +135,9 @@ get_vectors! {
 }
 
 /// The equations of a model, as the solver sees them.
-pub(crate) struct Equations<'a>(pub(crate) &'a mut (dyn AnyModel + 'static));
+pub(crate) struct ModelEquations<'a>(pub(crate) &'a mut (dyn AnyModel + 'static));
 
-impl solver::OdeSystem for Equations<'_> {
+impl solver::OdeSystem for ModelEquations<'_> {
     type Error = ModelError;
 
     fn nominal(&self, state: usize) -> f64 {

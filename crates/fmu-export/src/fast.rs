@@ -16,7 +16,7 @@ use crate::any_model::{AnyModel, VariantStarts};
 use crate::error::ModelError;
 use crate::instance::{Guid, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
-use crate::layout::{Extent, Place, elements_in_use, float64_at};
+use crate::layout::{Extent, Float64Place, elements_in_use, float64_at};
 use crate::log::discard;
 use crate::model::Model;
 use crate::pointers::{NULL_ARRAY, Pointer, slice, slice_mut};
@@ -474,7 +474,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     pub(crate) fn get_elements(&mut self, references: &[u32], values: &mut [f64]) -> bool {
         let is_real = |&reference: &u32| {
             let place = Self::ELEMENTS.get(reference as usize);
-            place.is_some_and(|place| place.offset != Place::NONE)
+            place.is_some_and(|place| place.offset != Float64Place::NONE)
         };
         !self.has_fewer_elements()
             && (references.len() == 1 || references.iter().all(is_real))
@@ -498,12 +498,12 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     #[inline(always)]
     pub(crate) fn get_scalars(
         &mut self,
-        places: &'static [Place; N],
+        places: &'static [Float64Place; N],
         references: &[u32],
         values: &mut [f64],
     ) -> bool {
         let mut get = |(&reference, value): (&u32, &mut f64)| match places.get(reference as usize) {
-            Some(&Place { offset, .. }) if offset != Place::NONE => {
+            Some(&Float64Place { offset, .. }) if offset != Float64Place::NONE => {
                 // SAFETY: the reference belongs to a Float64, by the check.
                 *value = unsafe { *float64_at(self.memory(), offset) };
                 true
@@ -522,7 +522,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     #[inline(always)]
     pub(crate) fn set_scalars(
         &mut self,
-        places: &'static [Place; N],
+        places: &'static [Float64Place; N],
         references: &[u32],
         values: &[f64],
     ) -> bool {
@@ -559,7 +559,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         let mut rest = values;
         for &reference in references {
             match Self::VARIABLES.get(reference as usize) {
-                Some(place) if place.offset != Place::NONE => {}
+                Some(place) if place.offset != Float64Place::NONE => {}
                 _ => return false,
             }
             // SAFETY: the reference belongs to a Float64, by the check.

@@ -5,7 +5,7 @@ use fmi_abi::state::State;
 use crate::clock::SampleClock;
 use crate::error::{ModelError, Severity};
 use crate::instance::Instance;
-use crate::lifecycle::{InstanceType, Integration};
+use crate::lifecycle::{InstanceType, IntegrationState};
 use crate::model::Start;
 
 impl Instance {
@@ -32,7 +32,7 @@ impl Instance {
             model.take_starts(starts.as_mut());
         }
         model.behavior_mut().on_initialize(&start)?;
-        let mut integration = Integration { handled: start.time, ..Integration::NONE };
+        let mut integration = IntegrationState { handled: start.time, ..IntegrationState::NONE };
         let is_eventful =
             info.is_continuous && lifecycle.instance_type == InstanceType::CoSimulationWithEvents;
         if (info.is_integrated || is_eventful) && !start.is_model_exchange {

@@ -8,9 +8,9 @@ use fmu_description::table::Declaration;
 use fmu_description::{Causality, StateError, StateReader, StateWriter};
 
 use crate::any_model::{AnyModel, VariantStarts};
-use crate::equations::Equations;
+use crate::equations::ModelEquations;
 use crate::error::ModelError;
-use crate::layout::{self, ModelInfo, Place, Tables, copy_fields};
+use crate::layout::{self, Float64Place, ModelInfo, Tables, copy_fields};
 use crate::model::{Behavior, Model};
 use crate::snapshot;
 
@@ -47,9 +47,9 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.has_structural_parameters;
-    pub(crate) const ELEMENTS: &'static [Place; N] = &const { Self::TABLES.elements };
-    pub(crate) const SCALARS: &'static [Place; N] = &const { Self::TABLES.scalars };
-    pub(crate) const VARIABLES: &'static [Place; N] = &const { Self::TABLES.variables };
+    pub(crate) const ELEMENTS: &'static [Float64Place; N] = &const { Self::TABLES.elements };
+    pub(crate) const SCALARS: &'static [Float64Place; N] = &const { Self::TABLES.scalars };
+    pub(crate) const VARIABLES: &'static [Float64Place; N] = &const { Self::TABLES.variables };
 
     pub(crate) fn with_model(model: M) -> Self {
         Self { model, has_fewer_elements: false }
@@ -128,7 +128,7 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
         // with equations. It is in no other library.
         const HAS_EVENT_MODE: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));
         match M::IS_INTEGRATED || M::IS_CONTINUOUS && HAS_EVENT_MODE {
-            true => solver::advance(&mut Equations(self), with, step),
+            true => solver::advance(&mut ModelEquations(self), with, step),
             false => Err(ModelError::refuse("the model has no equations")),
         }
     }

@@ -8,8 +8,8 @@ use fmu_description::{Causality, Dynamics, Value, Variability};
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
 #[derive(Clone, Copy)]
-pub(crate) struct Place {
-    /// Its offset in the model; [`Place::NONE`] if the variable is no `f64`, or is computed only when a host
+pub(crate) struct Float64Place {
+    /// Its offset in the model; [`Float64Place::NONE`] if the variable is no `f64`, or is computed only when a host
     /// asks for it.
     pub(crate) offset: usize,
     /// The smallest and the largest value. They are finite, which excludes NaN and infinities. The range
@@ -18,7 +18,7 @@ pub(crate) struct Place {
     pub(crate) max: f64,
 }
 
-impl Place {
+impl Float64Place {
     pub(crate) const NONE: usize = usize::MAX;
     /// The place of no variable.
     const EMPTY: Self = Self { offset: Self::NONE, min: f64::INFINITY, max: f64::NEG_INFINITY };
@@ -93,11 +93,11 @@ impl<T: Copy, const N: usize> BoundedList<T, N> {
 /// The tables of a model with `N` scalar variables, for constants only: a binary contains those that it uses.
 pub(crate) struct Tables<const N: usize> {
     /// The scalars and elements of arrays that are in use by default.
-    pub(crate) elements: [Place; N],
+    pub(crate) elements: [Float64Place; N],
     /// The variables that are not arrays.
-    pub(crate) scalars: [Place; N],
+    pub(crate) scalars: [Float64Place; N],
     /// The first elements of all variables, and how many elements there are.
-    pub(crate) variables: [Place; N],
+    pub(crate) variables: [Float64Place; N],
     pub(crate) arrays: [Extent; N],
     /// In the order of the derivatives.
     pub(crate) states: BoundedList<ContinuousState, N>,
@@ -118,9 +118,9 @@ pub(crate) struct Tables<const N: usize> {
 impl<const N: usize> Tables<N> {
     pub(crate) const fn from_rows(rows: &[ScalarVariable; N]) -> Self {
         let mut tables = Self {
-            elements: [Place::EMPTY; N],
-            scalars: [Place::EMPTY; N],
-            variables: [Place::EMPTY; N],
+            elements: [Float64Place::EMPTY; N],
+            scalars: [Float64Place::EMPTY; N],
+            variables: [Float64Place::EMPTY; N],
             arrays: [Extent::EMPTY; N],
             states: BoundedList::new(ContinuousState {
                 state: 0,
@@ -150,7 +150,7 @@ impl<const N: usize> Tables<N> {
     const fn add(&mut self, rows: &[ScalarVariable; N], reference: usize) {
         let row = &rows[reference];
         let (variable, place, size) =
-            (row.variable, Place::from_row(row), row.size_parameter(rows));
+            (row.variable, Float64Place::from_row(row), row.size_parameter(rows));
         let (count, in_use) = (variable.element_count(), row.elements_in_use(rows));
         self.variables[reference] = place;
         self.arrays[reference].count = count as u32;
@@ -166,7 +166,7 @@ impl<const N: usize> Tables<N> {
         let mut element = 0;
         while element < in_use {
             let mut place = place;
-            if place.offset != Place::NONE {
+            if place.offset != Float64Place::NONE {
                 place.offset += element * size_of::<f64>();
             }
             self.elements[reference + element] = place;

@@ -85,11 +85,11 @@ saved! {
         pub(crate) has_input_derivatives: bool,
         /// The sample instants of a model with a sample time.
         pub(crate) clock: SampleClock,
-        pub(crate) integration: Integration,
+        pub(crate) integration: IntegrationState,
     }
 
     /// How a model is integrated.
-    pub(crate) struct Integration {
+    pub(crate) struct IntegrationState {
         /// Relative tolerance.
         pub(crate) tolerance: f64,
         /// The time until which events are handled (s).
@@ -101,7 +101,7 @@ saved! {
     }
 }
 
-impl Integration {
+impl IntegrationState {
     /// The integration of a model that the instance does not integrate.
     pub(crate) const NONE: Self =
         Self { tolerance: 0.0, handled: 0.0, restarts: false, switches: 0 };
@@ -119,7 +119,7 @@ impl Lifecycle {
             stale: true,
             has_input_derivatives: false,
             clock: SampleClock::UNSET,
-            integration: Integration::NONE,
+            integration: IntegrationState::NONE,
         }
     }
 

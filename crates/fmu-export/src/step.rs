@@ -11,21 +11,6 @@ use crate::instance::{Instance, IntermediateUpdate, Status, StepEnd};
 use crate::lifecycle::InstanceType;
 
 impl Instance {
-    /// Checks a step. Returns the status of the call if no step is to be taken.
-    pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Status> {
-        let call = &self.shared.settings.edge.do_step;
-        let status = self.call(call, |instance| {
-            instance.shared.lifecycle.check_step(
-                call.name,
-                time,
-                step,
-                &instance.shared.settings.log,
-            )
-        });
-        // Some hosts iterate events with steps of 0.
-        (status != Status::Ok || step == 0.0).then_some(status)
-    }
-
     /// Takes any step.
     pub(crate) fn step(&mut self, time: f64, step: f64, end: StepEnd) -> Status {
         if !self.shared.lifecycle.is_next_step(time, step)
@@ -44,46 +29,23 @@ impl Instance {
         self.end_step(taken, time, step, end)
     }
 
-    /// Ends a step that the model took. It failed if the model says so or panicked, or if an output is not finite.
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn end_step(
-        &mut self,
-        taken: std::thread::Result<Result<(), ModelError>>,
-        time: f64,
-        step: f64,
-        end: StepEnd,
-    ) -> Status {
+    /// Checks a step. Returns the status of the call if no step is to be taken.
+    fn refuse_step(&mut self, time: f64, step: f64) -> Option<Status> {
         let call = &self.shared.settings.edge.do_step;
-        let status = match taken.map(|taken| taken.and_then(|()| self.model.check_outputs())) {
-            Ok(Ok(())) => {
-                self.shared.lifecycle.time = time + step;
-                Status::Ok
-            }
-            Ok(Err(error)) => self.fail(call, error.in_step(time, step)),
-            Err(panic) => self.fail_by_panic(call, panic),
-        };
-        self.returned(status, end)
-    }
-
-    /// Returns from a step, whose end is the current time.
-    fn returned(&self, status: Status, end: StepEnd) -> Status {
-        if let Some(end) = end {
-            *end = self.shared.lifecycle.now();
-        }
-        status
-    }
-
-    /// Clears the derivatives of inputs, which are for one step.
-    pub(crate) fn end_ramps(&mut self) {
-        if self.shared.lifecycle.has_input_derivatives {
-            self.model.clear_input_derivatives();
-            self.shared.lifecycle.has_input_derivatives = false;
-        }
+        let status = self.call(call, |instance| {
+            instance.shared.lifecycle.check_step(
+                call.name,
+                time,
+                step,
+                &instance.shared.settings.log,
+            )
+        });
+        // Some hosts iterate events with steps of 0.
+        (status != Status::Ok || step == 0.0).then_some(status)
     }
 
     /// Takes a step, or the samples in it, by the function of the model.
-    pub(crate) fn take_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+    fn take_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         if self.model.info().is_sampled {
             let clock = &mut self.shared.lifecycle.clock;
             let before = *clock;
@@ -96,13 +58,13 @@ impl Instance {
     }
 
     /// Integrates the equations over a step and handles the events in it.
-    pub(crate) fn integrate(&mut self, time: f64, size: f64) -> Result<(), ModelError> {
+    fn integrate(&mut self, time: f64, size: f64) -> Result<(), ModelError> {
         self.integrate_to(time, size, Events::Here).map(drop)
     }
 
     /// Integrates the equations over a step, which changes nothing if it fails.
     #[inline(never)]
-    pub(crate) fn integrate_to(
+    fn integrate_to(
         &mut self,
         time: f64,
         size: f64,
@@ -141,9 +103,47 @@ impl Instance {
         }
         advanced
     }
+
+    /// Ends a step that the model took. It failed if the model says so or panicked, or if an output is not finite.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn end_step(
+        &mut self,
+        taken: std::thread::Result<Result<(), ModelError>>,
+        time: f64,
+        step: f64,
+        end: StepEnd,
+    ) -> Status {
+        let call = &self.shared.settings.edge.do_step;
+        let status = match taken.map(|taken| taken.and_then(|()| self.model.check_outputs())) {
+            Ok(Ok(())) => {
+                self.shared.lifecycle.time = time + step;
+                Status::Ok
+            }
+            Ok(Err(error)) => self.fail(call, error.in_step(time, step)),
+            Err(panic) => self.fail_by_panic(call, panic),
+        };
+        self.returned(status, end)
+    }
+
+    /// Returns from a step, whose end is the current time.
+    fn returned(&self, status: Status, end: StepEnd) -> Status {
+        if let Some(end) = end {
+            *end = self.shared.lifecycle.now();
+        }
+        status
+    }
+
+    /// Clears the derivatives of inputs, which are for one step.
+    fn end_ramps(&mut self) {
+        if self.shared.lifecycle.has_input_derivatives {
+            self.model.clear_input_derivatives();
+            self.shared.lifecycle.has_input_derivatives = false;
+        }
+    }
 }
 
-/// What a step returns besides its status.
+/// The results of a step besides its status.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StepResults {
     pub(crate) event_handling_needed: bool,
