@@ -23,7 +23,7 @@ struct Group;
 
 #[derive(Variables)]
 struct Nested {
-    #[nested] group: FunctionGroup,
+    #[nested] group: Group,
 }
 
 /// Form of the control law
