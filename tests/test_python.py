@@ -208,6 +208,22 @@ def test_results_have_the_types_of_fmi_in_numpy_pandas_polars_and_files(sums, tm
     assert compare(result, tmp_path / "out.parquet").is_same
 
 
+@pytest.mark.parametrize("in_process", [False, True])
+def test_start_values_keep_all_bits_on_their_way_to_numpy_and_parquet(relay, tmp_path, in_process):
+    file = relay({"a": {}}, (), outputs=["a.gain", "a.shape"])
+    for gain in (-0.0, 5e-324, 0.1 + 0.2, -math.inf, math.nan, 2**63):
+        start = {"gain": gain, "shape": "square"}
+        system = System(file).changed(component=[{"name": "a", "fmu": "Relay.fmu", "start": start}])
+        (tmp_path / "b.toml").write_text(system.toml, encoding="utf-8")
+        run("simulate", "b.toml", "--csv", "out.parquet", cwd=tmp_path)
+        written = pyarrow.parquet.read_table(tmp_path / "out.parquet")
+        given = {f"a.{key}": value for key, value in start.items()}
+        result = System(file).simulate(given, in_process=in_process)
+        for column in (result["a.gain"], written["a.gain"].to_numpy()):
+            assert column[-1].tobytes() == np.float64(gain).tobytes()
+        assert result["a.shape"][-1] == written["a.shape"].to_pylist()[-1] == 4
+
+
 def test_the_item_of_an_enumeration_of_fmi_2_is_its_number(relay):
     system = System(relay({"a": {"shape": "square"}}, (), outputs=["a.choice"]))
     assert system.simulate()["a.choice"].tolist() == [4] * 5

@@ -197,7 +197,13 @@ impl Literal {
                 Type::Binary => "nothing, as a Binary cannot be set".into(),
                 _ => variable.expected(),
             };
-            format!("{name} = {self} is invalid; expected {expected}")
+            match (variable.of_type, self) {
+                // As a name of an item would be shown.
+                (Type::Enumeration, Self::Integer(_) | Self::Real(_)) => {
+                    format!("{name} = \"{self}\" is invalid; expected {expected}")
+                }
+                _ => format!("{name} = {self} is invalid; expected {expected}"),
+            }
         })
     }
 

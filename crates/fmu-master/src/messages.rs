@@ -61,7 +61,7 @@ impl Messages {
 
     /// Takes the messages logged so far. One without an instance says how many are left out in its place.
     pub fn take(&self) -> Vec<Message> {
-        told(std::mem::take(&mut *self.kept()))
+        with_gaps(std::mem::take(&mut *self.kept()))
     }
 
     fn kept(&self) -> MutexGuard<'_, Vec<Message>> {
@@ -133,7 +133,7 @@ impl Messages {
         // Some FMUs start their messages with the name of the function.
         let prefix = format!("{function}: ");
         let call = self.call();
-        let logged = told(self.kept().extract_if(.., |m| m.call == call));
+        let logged = with_gaps(self.kept().extract_if(.., |m| m.call == call));
         let warns = logged.iter().any(|message| message.warning);
         let texts: Vec<&str> = logged
             .iter()
@@ -154,8 +154,8 @@ fn remove(kept: &mut Vec<Message>, index: usize) -> Message {
 }
 
 /// Messages for the user, with a message wherever some are left out.
-fn told(messages: impl IntoIterator<Item = Message>) -> Vec<Message> {
-    let told = messages.into_iter().flat_map(|message| {
+fn with_gaps(messages: impl IntoIterator<Item = Message>) -> Vec<Message> {
+    let all = messages.into_iter().flat_map(|message| {
         let left_out = (message.left_out > 0).then(|| Message {
             instance: String::new(),
             text: format!("{} messages are left out here", message.left_out),
@@ -165,7 +165,7 @@ fn told(messages: impl IntoIterator<Item = Message>) -> Vec<Message> {
         });
         left_out.into_iter().chain([message])
     });
-    told.collect()
+    all.collect()
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as ValueError;
 
-use crate::run::FmuError;
+use crate::error::FmuError;
 use crate::values::{Cells, from_python, literal};
 
 /// Start values by name.

@@ -18,7 +18,8 @@ use pyo3::sync::MutexExt;
 use pyo3::types::PyDict;
 
 use crate::arguments;
-use crate::run::{FmuError, PERIOD, error, start, to_exception};
+use crate::error::{FmuError, error, to_exception};
+use crate::run::{PERIOD, start};
 use crate::values::{literal, to_python};
 
 /// Where the FMU is.

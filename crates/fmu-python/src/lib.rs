@@ -3,9 +3,11 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
+mod error;
 mod instance;
 mod run;
 mod sweep;
+mod tables;
 mod values;
 mod words;
 
@@ -20,7 +22,10 @@ mod _native {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::run::{Runner, bounds, compare, points, read, times};
+    use super::run::{Runner, bounds, points, times};
+
+    #[pymodule_export]
+    use super::tables::{compare, read};
 
     #[pymodule_export]
     use super::instance::Instance;

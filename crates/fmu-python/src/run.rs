@@ -2,7 +2,6 @@
 
 use std::cell::{Cell, RefCell};
 use std::ffi::OsString;
-use std::path::PathBuf;
 use std::process::Command;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -12,21 +11,18 @@ use cargo_fmu::session::{Session, WORKER};
 use fmu_description::Value;
 use fmu_master::job::{self, Job, LoadedSystem, SystemSource};
 use fmu_master::run::{self, Completed, Computed, RunOutcome, Watch, supervise};
-use fmu_master::table::{self, Series, Tolerance};
 use fmu_master::{
-    Column, Experiment, FailedCall, Message, Messages, Note, Plan, Row, RunError, Statistics,
-    Summary,
+    Column, Experiment, Message, Messages, Note, Plan, Row, RunError, Statistics, Summary,
 };
 use fmu_worker::{Limits, ProcessOwned, Worker, available_memory};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyDict, PyString, PyTuple};
 
-use crate::arguments::{self, Table};
-use crate::values::{Cells, Columns, from_python, to_python};
+use crate::arguments;
+use crate::error::{FmuError, error, error_arguments};
+use crate::values::{Columns, from_python, to_python};
 use crate::words;
-
-pyo3::import_exception!(fmu_master.result, FmuError);
 
 /// Interval between looks at Ctrl-C, and between reports of the progress.
 pub const PERIOD: Duration = Duration::from_millis(50);
@@ -177,47 +173,6 @@ fn statistics<'py>(
     Ok(all)
 }
 
-/// The columns of a table that a sweep has written: name, unit and values, None where one is missing.
-#[pyfunction]
-pub fn read(py: Python<'_>, file: PathBuf) -> PyResult<Vec<(String, String, Cells<'_>)>> {
-    let table = py.detach(|| table::read(&file));
-    let table =
-        table.with_context(|| format!("{} cannot be read", file.display())).map_err(error)?;
-    let columns = table.into_iter().map(|Series { name, unit, cells }| {
-        let cells =
-            cells.into_iter().map(|cell| cell.map(|value| to_python(py, value)).transpose());
-        Ok((name, unit, cells.collect::<PyResult<_>>()?))
-    });
-    columns.collect()
-}
-
-/// The first difference of each variable of two tables, in the order of their times: name, time (s), values and a
-/// sentence with these names of the tables.
-#[pyfunction]
-pub fn compare<'py>(
-    py: Python<'py>,
-    tables: [Table<'py>; 2],
-    names: [String; 2],
-    absolute: f64,
-    relative: f64,
-    held: Vec<String>,
-) -> PyResult<Vec<(String, f64, Cells<'py>, String)>> {
-    let [a, b] = tables.each_ref().map(arguments::series);
-    let (a, b) = (a?, b?);
-    let differences = py.detach(|| {
-        let tolerance = Tolerance { absolute, relative };
-        table::compare([&a, &b], tolerance, |name| held.iter().any(|held| held == name))
-    });
-    let told = differences.map_err(error)?.into_iter().map(|difference| {
-        let text = difference.describe(&names);
-        let values =
-            difference.values.map(|cell| cell.map(|value| to_python(py, value)).transpose());
-        let values = values.into_iter().collect::<PyResult<_>>()?;
-        Ok((difference.name, difference.time, values, text))
-    });
-    told.collect()
-}
-
 /// The start time, stop time and step (s) of a system.
 #[pyfunction]
 pub fn times(py: Python<'_>, system: &Bound<'_, PyDict>) -> PyResult<(f64, f64, f64)> {
@@ -248,27 +203,6 @@ fn plan(py: Python<'_>, system: &Bound<'_, PyDict>) -> PyResult<Plan> {
     let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
     let (plan, _) = py.detach(|| system.plan(&never, &mut |_| ())).map_err(error)?;
     Ok(plan)
-}
-
-pub fn error(error: anyhow::Error) -> PyErr {
-    to_exception(*RunError::new(error, Vec::new()))
-}
-
-/// The exception of an error.
-pub fn to_exception(error: RunError) -> PyErr {
-    FmuError::new_err(error_arguments(error))
-}
-
-/// The first arguments of `FmuError`: text, component, function and time (s).
-fn error_arguments(error: RunError) -> (String, Option<String>, Option<String>, Option<f64>) {
-    let advice = error.advice.as_ref().map(words::advice).unwrap_or_default();
-    let (text, time) = (format!("{error}{advice}"), error.time);
-    match error.call {
-        None => (text, None, None, None),
-        Some(FailedCall { component, function, .. }) => {
-            (text, Some(component), Some(function), time)
-        }
-    }
 }
 
 /// The functions of Python in the current run.

@@ -11,7 +11,8 @@ use fmu_master::job::{self, Job};
 use fmu_master::sweep::{Study, SweepSource, Workers, process_count};
 use pyo3::prelude::*;
 
-use crate::run::{PERIOD, command, error, limits};
+use crate::error::error;
+use crate::run::{PERIOD, command, limits};
 
 /// Runs a sweep in worker processes, 0 for one per core, and writes its table. A sweep or system that has a text is not
 /// read from its file. Returns warnings and, if all runs failed, why the first one did.

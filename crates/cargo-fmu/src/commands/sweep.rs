@@ -123,7 +123,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
     }
 }
 
-/// Collects the rows that a coordinator passes on; returns what came of them unless some are missing.
+/// Collects the rows that a coordinator passes on; returns the progress unless some are missing.
 fn collect(
     study: &Study,
     workers: &Workers<'_>,
@@ -136,7 +136,7 @@ fn collect(
     study.collect(file, workers, begin, io::stdin().lock())
 }
 
-/// Executes the remaining runs and prints a summary; returns what came of all runs unless cancelled.
+/// Executes the remaining runs and prints a summary; returns the progress unless cancelled.
 fn write(
     study: &Study,
     workers: &Workers<'_>,

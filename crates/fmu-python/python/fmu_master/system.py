@@ -207,7 +207,8 @@ class System:
         error, raised = done.pop("error", None), done.pop("raised")
         result = Result(**done)
         if error is not None:
-            raise FmuError(*error, result) from raised
+            text, component, function, time = error
+            raise FmuError(text, component, function, time, result) from raised
         return result
 
     def _input(self, given: Input, changes: Mapping[str, Any]) -> str | list[tuple[str, str, Any]]:
