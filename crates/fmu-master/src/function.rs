@@ -10,7 +10,6 @@ use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
 use crate::Messages;
-use crate::run::Computed;
 
 /// The variables of a function, and how often it is called.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,6 +32,9 @@ pub struct Argument {
     /// Its unit; empty if it has none.
     pub unit: String,
 }
+
+/// The outputs of a function, or what went wrong.
+pub type Computed = Result<Vec<Value>, String>;
 
 /// What computes the outputs at a time (s) from the inputs. An error says what went wrong, and ends the run.
 pub type Compute = Arc<dyn Fn(f64, &[Value]) -> Computed + Send + Sync>;

@@ -11,7 +11,8 @@ use fmu_description::Value;
 use fmu_worker::{Limits, Service, Worker};
 use serde::{Deserialize, Serialize};
 
-use crate::run::{self, Computed};
+use crate::function::Computed;
+use crate::run;
 use crate::stepped_fmu::{self, Setup};
 use crate::sweep::{Study, SweepSource};
 use crate::{Description, Function, Overrides, Plan, Signature, StartValue, is_fmu, locate};

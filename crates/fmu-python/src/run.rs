@@ -9,8 +9,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use cargo_fmu::session::{Session, WORKER};
 use fmu_description::Value;
+use fmu_master::Computed;
 use fmu_master::job::{self, Job, LoadedSystem, SystemSource};
-use fmu_master::run::{self, Completed, Computed, RunOutcome, Watch, supervise};
+use fmu_master::run::{self, Completed, RunOutcome, Watch, supervise};
 use fmu_master::{
     Column, Experiment, Message, Messages, Note, Plan, Row, RunError, Statistics, Summary,
 };

@@ -74,7 +74,7 @@ fn calls(version: FmiVersion) -> impl Strategy<Value = Vec<Call>> {
 
 #[test]
 fn random_calls_are_allowed_according_to_the_table_in_every_state() {
-    let config = ProptestConfig { cases: 100, failure_persistence: None, ..Default::default() };
+    let config = ProptestConfig { failure_persistence: None, ..Default::default() };
     for kind in KINDS {
         let reached = RefCell::new(BTreeSet::new());
         for model in [BALL, SAMPLED] {

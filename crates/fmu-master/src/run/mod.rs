@@ -8,6 +8,6 @@ mod supervisor;
 mod worker;
 
 pub use completed::{Completed, simulate};
-pub use report::{Computed, Ready};
+pub use report::Ready;
 pub use supervisor::{RunOutcome, SupervisedRun, Watch, supervise};
 pub(crate) use worker::{compute_in_supervisor, serve};

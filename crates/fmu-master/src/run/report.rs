@@ -39,6 +39,3 @@ pub struct Ready {
     /// Choices of the master that the user may want to override.
     pub notes: Vec<Note>,
 }
-
-/// The outputs of a function, or what went wrong.
-pub type Computed = Result<Vec<Value>, String>;

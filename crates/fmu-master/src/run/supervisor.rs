@@ -8,9 +8,10 @@ use fmu_description::Value;
 use fmu_worker::{Ended, Event, Worker};
 
 use super::completed::Completed;
-use super::report::{Computed, Ready, Report};
+use super::report::{Ready, Report};
 use super::rows::Rows;
 use crate::error::warn_of_calls;
+use crate::function::Computed;
 use crate::{Row, RunError};
 
 /// What a supervisor does while it waits for a worker.

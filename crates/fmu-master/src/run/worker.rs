@@ -8,7 +8,8 @@ use fmu_description::Value;
 use fmu_worker::Service;
 
 use super::completed::simulate;
-use super::report::{Computed, Ready, Report};
+use super::report::{Ready, Report};
+use crate::function::Computed;
 use crate::{Messages, Plan, Row, RunError, StartValue};
 
 /// Does a run, and reports it to the supervisor. `plan` makes the plan and its start values, and may warn; the rows
