@@ -64,7 +64,7 @@ impl ExportedModel {
     }
 
     /// Order of the time derivatives of outputs that the FMU provides: the derivatives of states are
-    /// known. Hosts may ask for those of every output that is a real number, also of a discrete one.
+    /// known. Hosts may ask for the derivatives of every output that is a real number, also of a discrete one.
     pub(crate) fn max_output_derivative_order(&self) -> u32 {
         let is_real = |v: &&Variable| v.is_output() && v.of_type.is_float();
         let outputs = self.variables.iter().filter(is_real);

@@ -111,7 +111,7 @@ impl Page {
 
 /// The rows of a run by column. Columns without numbers are left out.
 fn run(name: &str, table: &[Series]) -> Result<Value> {
-    // With all digits: far from zero, those of `f32` do not tell the times of small steps apart.
+    // With all digits: far from zero, the digits of `f32` do not tell the times of small steps apart.
     let time = table::times(table)?;
     let columns = table.iter().skip(1).filter_map(|series| {
         let values = (0..time.len()).map(|row| series.number(row).map_or(Value::Null, number));

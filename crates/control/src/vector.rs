@@ -114,7 +114,7 @@ fn dot_few(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Takes `gradient rate direction` from the weights, and adds `momentum` times their change since `before`,
-/// those of one sample before. The gradient, which is known last, is used last.
+/// the weights of one sample before. The gradient, which is known last, is used last.
 #[inline(always)]
 pub(crate) fn learn(
     weights: &mut [f64],

@@ -151,7 +151,7 @@ impl Workspace {
 /// Afterwards, the system is evaluated at the end of the step; if it fails, at any point.
 ///
 /// # Errors
-/// Those of the system, and a discarded step, if it would take too many internal steps or events.
+/// The errors of the system, and a discarded step, if it would take too many internal steps or events.
 pub fn advance<E: SolverError>(
     system: &mut dyn OdeSystem<Error = E>,
     workspace: &mut Workspace,

@@ -117,15 +117,15 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
 
     fn hash_of_switches(&mut self) -> u128 {
         match M::IS_INTEGRATED && Self::TABLES.has_switches {
-            // SAFETY: the rows are those of the model.
+            // SAFETY: the rows belong to the model.
             true => unsafe { layout::hash_of_switches(self.memory(), M::ROWS) },
             false => 0,
         }
     }
 
     fn integrate(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {
-        // The solver takes the steps of models without their own, and in event mode, which FMI 3.0 has, those of all
-        // with equations. It is in no other library.
+        // The solver takes the steps of models without steps of their own. In event mode, which FMI 3.0 has, it takes the
+        // steps of all models with equations. Other libraries do not contain the solver.
         const HAS_EVENT_MODE: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));
         match M::IS_INTEGRATED || M::IS_CONTINUOUS && HAS_EVENT_MODE {
             true => solver::advance(&mut ModelEquations(self), with, step),

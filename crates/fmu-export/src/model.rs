@@ -39,7 +39,7 @@ pub trait Model: Variables + Behavior {
     #[inline(never)] // inlined, it would be repeated in every caller
     fn new() -> Self {
         let mut model = Self::unset();
-        // SAFETY: the rows are those of the model.
+        // SAFETY: the rows belong to the model.
         unsafe { set_start_values((&raw mut model).cast(), Self::ROWS) };
         model
     }

@@ -1,5 +1,5 @@
-//! Steps that the fast path leaves to the instance: whole ones, and those that the host sees into, with event mode,
-//! early return or intermediate updates (FMI 3.0.2, section 4.2).
+//! Steps that the fast path leaves to the instance: whole steps, and steps that the host observes, with event
+//! mode, early return or intermediate updates (FMI 3.0.2, section 4.2).
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 

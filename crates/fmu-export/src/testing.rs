@@ -56,7 +56,7 @@ pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
 /// An instance of a model in co-simulation, for tests: it takes samples at their instants, integrates equations,
 /// handles events and checks values by the code of the FMU, and computes the same numbers.
 ///
-/// The fields of the model are those of the driver.
+/// The fields of the model are fields of the driver.
 ///
 /// ```
 /// use fmu_export::prelude::*;

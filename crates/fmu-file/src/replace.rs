@@ -233,7 +233,7 @@ impl Drop for UnfinishedFile {
     }
 }
 
-/// Creates a temporary file in a folder, on Unix with these permissions, or those of an ordinary new file.
+/// Creates a temporary file in a folder, on Unix with these permissions, or the permissions of an ordinary new file.
 fn temporary(
     builder: &mut Builder<'_, '_>,
     folder: &Path,

@@ -32,7 +32,7 @@ pub(crate) struct UnpackedBinary {
     pub(crate) folder: ProcessOwned<TempDir>,
     pub(crate) token: String,
     pub(crate) limits: Limits,
-    /// The log categories of warnings and errors, if it declares those of the standard.
+    /// The log categories of warnings and errors, if it declares the categories of the standard.
     pub(crate) problems: Vec<CString>,
 }
 

@@ -163,7 +163,7 @@ impl Literal {
         Ok(values)
     }
 
-    /// The lengths of nested arrays; `None` if those of one level differ.
+    /// The lengths of nested arrays; `None` if the lengths of one level differ.
     fn shape(&self) -> Option<Vec<usize>> {
         let Self::Array(values) = self else { return Some(Vec::new()) };
         let mut shapes = values.iter().map(Self::shape);

@@ -125,7 +125,7 @@ impl Plan {
         starts.iter().filter(|(name, literal)| is_size(name, literal)).collect()
     }
 
-    /// The start values in a list, for [`Plan::simulate`], except for those of structural parameters.
+    /// The start values in a list, for [`Plan::simulate`], except for structural parameters.
     ///
     /// # Errors
     /// As [`Plan::start`].
@@ -176,7 +176,7 @@ impl Plan {
         Ok(())
     }
 
-    /// The start values of a component: as in the description, unless `replaced` by those of the run.
+    /// The start values of a component: as in the description, unless `replaced` by start values of the run.
     pub(crate) fn starts<'a>(
         &'a self,
         component: usize,

@@ -70,7 +70,7 @@ impl Row {
         places(columns.iter().map(|column| column.kind))
     }
 
-    /// All values as numbers: those of the type Float64, then the others.
+    /// All values as numbers: Float64 values, then values of other types.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
         let Store { reals, others } = &self.store;
         reals.iter().copied().chain(others.iter().map(number))

@@ -100,7 +100,7 @@ const PARTS: usize = 10;
 /// So many of the last moves must grow; at first, what grows may be hidden by what decays.
 const GROWING: usize = 7;
 
-/// Makes a summary. There is an element for each column: those of the type Float64 first, then the others.
+/// Makes a summary. There is an element for each column: Float64 columns first, then columns of other types.
 pub(crate) struct Summarizer<'a> {
     plan: &'a Plan,
     rows: u64,

@@ -30,11 +30,11 @@ use crate::{Conversion, Description};
 
 /// The ways of all values between the components and into rows.
 pub(crate) struct Wiring {
-    /// The groups of each component: the one of the type Float64, then those of other types, which are rare.
+    /// The groups of each component: the Float64 group, then groups of other types, which are rare.
     pub(crate) groups: Vec<Vec<VariableGroup>>,
     /// The outputs that feed each component, as they are read during the initialization.
     pub(crate) feeding: Vec<Vec<FeedingOutputs>>,
-    /// The number of values in the store: those of the type Float64, and the others.
+    /// The number of values in the store: of the type Float64, and of other types.
     pub(crate) counts: [usize; 2],
     /// The recorded signals of continuous components, whose values before a step are recorded.
     pub(crate) recorded_before: RecordedSignals,

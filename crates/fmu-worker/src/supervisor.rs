@@ -198,7 +198,7 @@ impl Worker {
     fn send_or_dismiss<T: Serialize>(&mut self, task: Option<&T>) {
         let task = postcard::to_allocvec(&task).expect("a task has a known length");
         let process = &mut self.process;
-        // The shared files are those of the process that has started it.
+        // The shared files belong to the process that has started the worker.
         if process.is_of_this_process() {
             self.tasks.send(&task, || {
                 thread::sleep(PAUSES[0]);

@@ -170,7 +170,7 @@ pub fn other_value(variable: &XmlVariable<'_>) -> Option<Value> {
     other_values(variable).into_iter().next()?.pop()
 }
 
-/// Other values of a variable than its start values. Those of an array differ in each element that may have another one.
+/// Other values of a variable than its start values. All elements of an array differ, if they may.
 pub fn other_values(variable: &XmlVariable<'_>) -> Vec<Vec<Value>> {
     let Some(starts) = starts(variable) else { return Vec::new() };
     let others = |start: &Value| {

@@ -264,7 +264,7 @@ unsafe fn write_result<T>(pointer: *mut T, value: T) {
     }
 }
 
-/// A step that the host sees into.
+/// A step that the host observes.
 ///
 /// # Safety
 /// The promises of a host. Its callback may call functions of the instance, therefore no reference to the

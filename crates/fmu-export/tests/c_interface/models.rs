@@ -452,7 +452,7 @@ impl Continuous for Ball {
     }
 }
 
-/// A ball that bounces until it rests, and a lamp that switches; the layer integrates it
+/// A ball that bounces until it rests, and a lamp that switches; this crate integrates it
 #[derive(Model)]
 #[model(continuous, step_size = 0.1)]
 #[rustfmt::skip]

@@ -1,5 +1,5 @@
-//! Takes a component apart, by the crate that wasmtime uses for it, and links its modules. The functions of modules can
-//! be called in a fraction of the time of those of a component.
+//! Takes a component apart, by the crate that wasmtime uses for it, and links its modules. A call of a
+//! function of a module takes a fraction of the time of a call of a component.
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -8,7 +8,7 @@ use super::vocabulary;
 use crate::declarations::{Units, units};
 use crate::package::STRUCTURE_FILE;
 
-/// Maximum number of elements of a document; those of a package have the variables of all its FMUs.
+/// Maximum number of elements of a document; the documents of a package have the variables of all its FMUs.
 const MAX_ELEMENTS: usize = 1 << 22;
 
 /// Parses a document of SSP 1 with this root.

@@ -103,7 +103,7 @@ impl<'a> FlatSystem<'a> {
     }
 
     /// Adds a component, or a system with all that it contains. Bindings of outer systems come later, so that
-    /// their values replace those of inner ones.
+    /// their values replace the values of inner ones.
     pub fn add(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
         let of_type = element.attribute("type").unwrap_or(vocabulary::FMU_TYPE);
         let is_file = element.name == COMPONENT && vocabulary::SYSTEM_TYPES.contains(&of_type);

@@ -78,7 +78,7 @@ pub struct Series {
     pub name: String,
     /// Its unit; empty if it has none.
     pub unit: String,
-    /// Its values. Those of CSV are Int64, UInt64, Float64, Boolean or String, whichever the text looks like.
+    /// Its values. Values of CSV are Int64, UInt64, Float64, Boolean or String, whichever the text looks like.
     pub cells: Vec<Cell>,
 }
 

@@ -1,4 +1,4 @@
-//! Reads tables: those of this program, and those of others with a line of names.
+//! Reads tables: of this program, and of other programs if they have a line of names.
 
 use std::fs;
 use std::path::Path;

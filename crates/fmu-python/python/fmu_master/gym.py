@@ -71,7 +71,7 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode; `options` are start values that replace those of `start`."""
+        """Begin an episode; `options` are start values that replace values of `start`."""
         super().reset(seed=seed)
         self.close()
         starts = {**self._start(self.np_random), **(options or {})}

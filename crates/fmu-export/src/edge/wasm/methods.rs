@@ -73,7 +73,7 @@ unsafe fn number_of_elements(instance: Pointer, references: *const u32, n: usize
     }
 }
 
-/// Defines the functions whose arguments are those of C, from the rows of `fmi-abi`.
+/// Defines the functions that have the arguments of C, from the rows of `fmi-abi`.
 macro_rules! methods {
     (
         Free { $($_0:tt)* }
