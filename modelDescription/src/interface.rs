@@ -28,7 +28,7 @@ pub struct Interface {
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
     pub tolerance: f64,
-    /// The first scalars of all variables, at their value references, as [`scalars`](crate::table::scalars) returns them.
+    /// The first scalars of all variables, at their value references, as [`scalars`](crate::scalar::scalars) returns them.
     pub scalars: &'static [ScalarVariable],
     /// Start values that differ from the table.
     pub overrides: StartOverrides,

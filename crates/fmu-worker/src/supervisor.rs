@@ -129,8 +129,8 @@ const SOON: Duration = Duration::from_micros(200);
 
 impl Worker {
     /// Starts a worker. The command is one that calls
-    /// [`Service::from_env`](crate::Service::from_env), usually this program with the same
-    /// arguments. Ctrl-C does not reach the worker, since this process decides what to do. `session` is a
+    /// [`Service::from_env`](crate::Service::from_env), usually this program with a hidden
+    /// command. Ctrl-C does not reach the worker, since this process decides what to do. `session` is a
     /// temporary folder of this process, in which the worker gets a folder for its temporary files. If this
     /// process is killed, the worker removes the session and ends; on Windows, it waits for tasks for good.
     ///
