@@ -165,9 +165,10 @@ thread_local! {
     static LAST: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// Keeps panic messages off stderr, as they go to the logger. The hook belongs to this library's own
-/// copy of `std`, so the host's hook is unaffected. `report` is for those that cannot be caught.
-pub(crate) fn silence_panics(report: fn(&PanicHookInfo<'_>)) {
+/// Keeps panic messages off stderr, as they go to the logger. The hook belongs to this library's own copy of `std`, so the
+/// host's hook is unaffected. `report` is for panics that cannot be caught.
+pub(crate) fn silence_panics<F: Fn(&PanicHookInfo<'_>) + Send + Sync + 'static>(report: F) {
+    const { assert!(size_of::<F>() == 0, "a hook is never freed, so it must not allocate") };
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         std::panic::set_hook(Box::new(move |panic| {
