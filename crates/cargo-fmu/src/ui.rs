@@ -5,7 +5,7 @@ use std::io::Write;
 
 use anstyle::{AnsiColor, Style};
 use anyhow::Error;
-use fmu_master::{Advice, Note};
+use fmu_master::{Advice, Note, NoteOptions};
 
 /// Failures.
 pub const ERROR: Style = AnsiColor::Red.on_default().bold();
@@ -26,7 +26,7 @@ pub fn warn(text: &str) {
 
 /// Prints an error with its advice.
 pub fn error(error: &Error) {
-    let advice = Advice::of(error).map(advice).unwrap_or_default();
+    let advice = Advice::in_error(error).map(advice).unwrap_or_default();
     let text = format!("{error:#}{advice}");
     // Messages of the TOML parser already end with a line feed.
     message(format_args!("{ERROR}error:{ERROR:#} {}", text.trim_end()));
@@ -34,30 +34,12 @@ pub fn error(error: &Error) {
 
 /// A note in a line.
 pub fn note(note: &Note) -> String {
+    const OPTIONS: NoteOptions =
+        NoteOptions { record_before: "use --sampled false", record: "--output can record" };
+    let text = note.text(&OPTIONS);
     match note {
-        Note::RecordedAfterStep(components) => {
-            let verb = if components.len() == 1 { "is" } else { "are" };
-            let names = components.join(", ");
-            format!("note: {names} {verb} recorded after each step; use --sampled false for before")
-        }
-        Note::RunInSandbox(components) => {
-            format!("run as WebAssembly components: {}", components.join(", "))
-        }
-        Note::NothingRecorded { recordable, .. } if recordable.is_empty() => {
-            "nothing is recorded, because no variable can be recorded".to_owned()
-        }
-        Note::NothingRecorded { recordable, more } => {
-            let names = recordable.join(", ");
-            let more = if *more > 0 { format!(", and {more} more") } else { String::new() };
-            format!(
-                "nothing is recorded, because no output is a number or Boolean; --output can record {names}{more}"
-            )
-        }
-        Note::EndsBeforeStop { last, stop } => {
-            format!(
-                "the step size does not divide the run: it ends at t = {last} s, not at {stop} s"
-            )
-        }
+        Note::RecordedAfterStep(_) => format!("note: {text}"),
+        _ => text,
     }
 }
 

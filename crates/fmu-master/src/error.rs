@@ -50,7 +50,7 @@ impl RunError {
         Box::new(match error.downcast::<Self>() {
             Ok(failed) => Self { messages, ..failed },
             Err(error) => {
-                let advice = Advice::of(&error).cloned();
+                let advice = Advice::in_error(&error).cloned();
                 Self { messages, advice, ..Self::without_call(format!("{error:#}"), None) }
             }
         })

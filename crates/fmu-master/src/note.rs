@@ -1,4 +1,4 @@
-//! Notes about a run and advice about an error, as data: each front end words them, as its users know other options.
+//! Notes about a run and advice about an error, as data: each front end names the options that its users know.
 
 use std::fmt;
 
@@ -28,6 +28,46 @@ pub enum Note {
     },
 }
 
+/// How a front end tells the users of a run what they can choose instead.
+#[derive(Debug, Clone, Copy)]
+pub struct NoteOptions {
+    /// How to record outputs before each step, such as `use --sampled false`.
+    pub record_before: &'static str,
+    /// How to record variables, followed by their names, such as `--output can record`.
+    pub record: &'static str,
+}
+
+impl Note {
+    /// The note in a line.
+    pub fn text(&self, options: &NoteOptions) -> String {
+        match self {
+            Self::RecordedAfterStep(components) => {
+                let verb = if components.len() == 1 { "is" } else { "are" };
+                let (names, before) = (components.join(", "), options.record_before);
+                format!("{names} {verb} recorded after each step; {before} for before")
+            }
+            Self::RunInSandbox(components) => {
+                format!("run as WebAssembly components: {}", components.join(", "))
+            }
+            Self::NothingRecorded { recordable, .. } if recordable.is_empty() => {
+                "nothing is recorded, because no variable can be recorded".to_owned()
+            }
+            Self::NothingRecorded { recordable, more } => {
+                let (names, record) = (recordable.join(", "), options.record);
+                let more = if *more > 0 { format!(", and {more} more") } else { String::new() };
+                format!(
+                    "nothing is recorded, because no output is a number or Boolean; {record} {names}{more}"
+                )
+            }
+            Self::EndsBeforeStop { last, stop } => {
+                format!(
+                    "the step size does not divide the run: it ends at t = {last} s, not at {stop} s"
+                )
+            }
+        }
+    }
+}
+
 /// The advice at the end of an error.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Advice {
@@ -48,7 +88,7 @@ impl Advice {
     }
 
     /// The advice with which an error ends, if any.
-    pub fn of(error: &Error) -> Option<&Self> {
+    pub fn in_error(error: &Error) -> Option<&Self> {
         error.downcast_ref().map(|Advised { advice, .. }| advice)
     }
 }

@@ -37,7 +37,7 @@ pub(crate) fn with_package_names(opened: &[StructureFile], error: &Error) -> Err
         let [folder, file] = [&files.folder, &files.file].map(|path| path.display().to_string());
         text.replace(&folder, &file)
     });
-    match Advice::of(error) {
+    match Advice::in_error(error) {
         Some(advice) => advice.clone().after(text),
         None => Error::msg(text),
     }

@@ -1,36 +1,14 @@
 //! The words of Python for notes and advice.
 
-use fmu_master::{Advice, Note};
+use fmu_master::{Advice, Note, NoteOptions};
 
 /// A note of a run.
 pub fn note(note: &Note) -> String {
-    match note {
-        Note::RecordedAfterStep(components) => {
-            let verb = if components.len() == 1 { "is" } else { "are" };
-            let names = components.join(", ");
-            format!(
-                "{names} {verb} recorded after each step; use `sampled=False` of a component for before"
-            )
-        }
-        Note::RunInSandbox(components) => {
-            format!("run as WebAssembly components: {}", components.join(", "))
-        }
-        Note::NothingRecorded { recordable, .. } if recordable.is_empty() => {
-            "nothing is recorded, because no variable can be recorded".to_owned()
-        }
-        Note::NothingRecorded { recordable, more } => {
-            let names = recordable.join(", ");
-            let more = if *more > 0 { format!(", and {more} more") } else { String::new() };
-            format!(
-                "nothing is recorded, because no output is a number or Boolean; `output` can name {names}{more}"
-            )
-        }
-        Note::EndsBeforeStop { last, stop } => {
-            format!(
-                "the step size does not divide the run: it ends at t = {last} s, not at {stop} s"
-            )
-        }
-    }
+    const OPTIONS: NoteOptions = NoteOptions {
+        record_before: "use `sampled=False` of a component",
+        record: "`output` can name",
+    };
+    note.text(&OPTIONS)
 }
 
 /// The end of an error with this advice.
