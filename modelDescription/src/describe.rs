@@ -1,6 +1,6 @@
 //! Writes the model description of an exported model: the parts that all versions of FMI have.
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 
 use crate::exported::ExportedModel;
 use crate::unit::{self, Unit};
@@ -111,15 +111,19 @@ impl ExportedModel {
 
 impl XmlWriter<'_> {
     fn units(&self) -> Result<Vec<Element<'static>>> {
-        let mut definitions = Vec::new();
-        let all = self.model.variables.iter().chain(&self.variables);
-        for unit in all.filter_map(|v| v.unit.as_deref()) {
-            let definition = unit_definition(unit)?;
-            if !definitions.contains(&definition) {
-                definitions.push(definition);
-            }
+        // Each unit, and the units to display it in.
+        let mut units: Vec<(&str, Vec<&str>)> = Vec::new();
+        for v in self.model.variables.iter().chain(&self.variables) {
+            let Some(unit) = v.unit.as_deref() else { continue };
+            let index = units.iter().position(|(known, _)| *known == unit);
+            let index = index.unwrap_or_else(|| {
+                units.push((unit, Vec::new()));
+                units.len() - 1
+            });
+            let displays = &mut units[index].1;
+            displays.extend(v.display_unit.as_deref().filter(|name| !displays.contains(name)));
         }
-        Ok(definitions)
+        units.into_iter().map(|(unit, displays)| unit_definition(unit, &displays)).collect()
     }
 
     /// The definitions of enumerations.
@@ -210,8 +214,7 @@ impl XmlWriter<'_> {
         v: &Variable,
         start: Option<String>,
     ) -> Element<'static> {
-        let (unit, declared) = (v.unit.as_deref(), v.declared_type.as_ref());
-        let display_unit = unit.and_then(Unit::display).map(|(name, _)| name);
+        let declared = v.declared_type.as_ref();
         let nominal = Some(v.exported.nominal).filter(|nominal| *nominal != 1.0);
         let derivative = match v.exported.dynamics {
             Dynamics::Derivative { of } => self.number(of),
@@ -220,8 +223,8 @@ impl XmlWriter<'_> {
         element
             .with_some("mimeType", v.mime_type.as_ref())
             .with_some("declaredType", declared.map(|of_type| &of_type.name))
-            .with_some("unit", unit)
-            .with_some("displayUnit", display_unit)
+            .with_some("unit", v.unit.as_ref())
+            .with_some("displayUnit", v.display_unit.as_ref())
             .with_some("min", v.min.as_ref().map(text))
             .with_some("max", v.max.as_ref().map(text))
             .with_some("nominal", nominal)
@@ -307,8 +310,10 @@ fn sorted(references: &[usize]) -> Vec<usize> {
     sorted
 }
 
-fn unit_definition(name: &str) -> Result<Element<'static>> {
-    let unit = Unit::parse(name).map_err(|error| anyhow!("the unit {name:?}: {error}"))?;
+fn unit_definition(name: &str, displays: &[&str]) -> Result<Element<'static>> {
+    let parse =
+        |name: &str| Unit::parse(name).map_err(|error| anyhow!("the unit {name:?}: {error}"));
+    let unit = parse(name)?;
     let base = unit::BASE
         .into_iter()
         .zip(unit.exponents)
@@ -316,8 +321,13 @@ fn unit_definition(name: &str) -> Result<Element<'static>> {
         .fold(Element::new("BaseUnit"), |base, (name, exponent)| base.with(name, exponent))
         .with_some("factor", (unit.factor != 1.0).then_some(unit.factor))
         .with_some("offset", (unit.offset != 0.0).then_some(unit.offset));
-    let display = Unit::display(name).map(|(name, factor)| {
-        Element::new("DisplayUnit").with("name", name).with("factor", factor)
-    });
-    Ok(Element::new("Unit").with("name", name).holding(base).holding_all(display))
+    let display = |display: &&str| {
+        let conversion = unit.conversion_to(&parse(display)?);
+        let (factor, offset) = conversion
+            .with_context(|| format!("{display:?} cannot display a value in {name:?}"))?;
+        let element = Element::new("DisplayUnit").with("name", display).with("factor", factor);
+        Ok(element.with_some("offset", (offset != 0.0).then_some(offset)))
+    };
+    let displays = displays.iter().map(display).collect::<Result<Vec<_>>>()?;
+    Ok(Element::new("Unit").with("name", name).holding(base).holding_all(displays))
 }

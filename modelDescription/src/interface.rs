@@ -166,7 +166,7 @@ pub const GUID_LENGTH: usize = 38;
 /// The first bytes of a copy.
 pub(crate) const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format of copies; increase it when the format changes.
-pub(crate) const VERSION: u32 = 8;
+pub(crate) const VERSION: u32 = 9;
 /// Size of the checksum at the end of a copy.
 pub(crate) const CHECKSUM: usize = size_of::<u128>();
 
@@ -381,6 +381,7 @@ impl<const N: usize> CopyWriter<N> {
         self.exported(scalar, scalars);
         self.raw(&[field.start.of_type() as u8]);
         self.some_text(field.unit);
+        self.some_text(field.display_unit);
         self.some_text(field.mime_type);
         self.bounds(field);
         self.start(&field.start, reference, interface.overrides);

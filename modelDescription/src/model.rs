@@ -332,13 +332,14 @@ impl<'a> XmlVariable<'a> {
         let parse = |text: &str| Value::parse(of_type, text);
         let start: Option<_> = listed.starts().into_iter().map(parse).collect();
         let [min, max] = ["min", "max"].map(|name| listed.inherited(name).and_then(parse));
-        let [unit, mime_type] =
-            ["unit", "mimeType"].map(|name| listed.inherited(name).map(str::to_owned));
+        let [unit, display_unit, mime_type] = ["unit", "displayUnit", "mimeType"]
+            .map(|name| listed.inherited(name).map(str::to_owned));
         listed.variable = Variable {
             start: start.unwrap_or_default(),
             min,
             max,
             unit,
+            display_unit,
             mime_type,
             ..listed.variable
         };

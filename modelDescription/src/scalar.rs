@@ -204,6 +204,7 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariab
         start: TypedStart::Boolean(&[]),
         bounds: Bounds::None,
         unit: "",
+        display_unit: "",
         mime_type: "",
         initially_from: None,
         dynamics: Dynamics::Algebraic,

@@ -67,6 +67,8 @@ pub struct Declaration {
     pub bounds: Bounds,
     /// Unit of the start values and the bounds; empty if it has none. See [`Unit`](crate::Unit).
     pub unit: &'static str,
+    /// Unit in which tools show the values, of the same dimension; empty if it is the unit.
+    pub display_unit: &'static str,
     /// MIME type of a Binary; empty for other types.
     pub mime_type: &'static str,
     /// Names of the variables of the same struct that its value after initialization depends on; if

@@ -115,12 +115,30 @@ impl Unit {
         Ok(unit)
     }
 
-    /// The customary unit to display values in, with the factor that converts them: degrees for
-    /// radians.
-    pub fn display(text: &str) -> Option<(String, f64)> {
+    /// The customary unit to display values in: degrees for radians.
+    pub fn default_display(text: &str) -> Option<String> {
         let rest = text.strip_prefix("rad")?;
         let is_angle = rest.is_empty() || rest == "/s" || rest == "/s2";
-        is_angle.then(|| (format!("deg{rest}"), 1.0 / DEGREE))
+        is_angle.then(|| format!("deg{rest}"))
+    }
+
+    /// The factor and the offset that convert values to another unit, by `factor * value + offset`; `None` if
+    /// the dimensions differ.
+    pub fn conversion_to(&self, other: &Self) -> Option<(f64, f64)> {
+        let factor = self.factor / other.factor;
+        let offset = (self.offset - other.offset) / other.factor;
+        (self.exponents == other.exponents).then_some((factor, offset))
+    }
+
+    /// The dimension as a product of base units, such as `kg.m.s-2`.
+    pub fn dimension(&self) -> String {
+        let powers = BASE.iter().zip(self.exponents).filter(|(_, exponent)| *exponent != 0);
+        let factors = powers.map(|(base, exponent)| match exponent {
+            1 => (*base).to_owned(),
+            _ => format!("{base}{exponent}"),
+        });
+        let product = Vec::from_iter(factors).join(".");
+        if product.is_empty() { "1".to_owned() } else { product }
     }
 
     /// Multiplies by a symbol with an exponent, to the power of `sign`.
@@ -219,9 +237,35 @@ mod tests {
 
     #[test]
     fn angles_are_displayed_in_degrees() {
-        assert_eq!(Unit::display("rad"), Some(("deg".into(), 180.0 / core::f64::consts::PI)));
-        assert_eq!(Unit::display("rad/s").unwrap().0, "deg/s");
-        assert_eq!(Unit::display("N/rad"), None);
+        assert_eq!(Unit::default_display("rad").as_deref(), Some("deg"));
+        assert_eq!(Unit::default_display("rad/s").as_deref(), Some("deg/s"));
+        assert_eq!(Unit::default_display("N/rad"), None);
+    }
+
+    #[test]
+    fn units_of_one_dimension_convert_into_each_other() {
+        use core::f64::consts::PI;
+        for (unit, other, factor, offset) in [
+            ("rad", "deg", 180.0 / PI, 0.0),
+            ("rad/s", "rpm", 30.0 / PI, 0.0),
+            ("Pa", "bar", 1e-5, 0.0),
+            ("m/s", "km/h", 3.6, 0.0),
+            ("K", "degC", 1.0, -273.15),
+            ("degC", "degF", 1.8, 32.0),
+            ("degF", "K", 5.0 / 9.0, 459.67 * 5.0 / 9.0),
+        ] {
+            let [from, to] = [unit, other].map(|text| Unit::parse(text).unwrap());
+            let (found, shift) = from.conversion_to(&to).unwrap();
+            assert!((found / factor - 1.0).abs() < 1e-15, "{unit} to {other}: {found}");
+            assert!((shift - offset).abs() < 1e-12, "{unit} to {other}: {shift}");
+        }
+        for (unit, other, dimensions) in
+            [("N", "W", ["kg.m.s-2", "kg.m2.s-3"]), ("1", "rad", ["1", "rad"])]
+        {
+            let both = [unit, other].map(|text| Unit::parse(text).unwrap());
+            assert_eq!(both[0].conversion_to(&both[1]), None);
+            assert_eq!(both.map(|unit| unit.dimension()), dimensions);
+        }
     }
 
     #[test]

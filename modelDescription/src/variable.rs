@@ -34,6 +34,8 @@ pub struct Variable {
     pub of_type: Type,
     /// Its unit, if it has one.
     pub unit: Option<String>,
+    /// Unit in which tools show the values, if it is another.
+    pub display_unit: Option<String>,
     /// MIME type of a Binary, if it is given.
     pub mime_type: Option<String>,
     /// The smallest value, if there is one.

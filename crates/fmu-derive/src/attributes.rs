@@ -101,6 +101,7 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("name", text), NAMED),
     (("description", text), DESCRIBED),
     (("unit", text), DESCRIBED),
+    (("display", text), DESCRIBED),
     (("start", expression), NAMED),
     (("min", expression), NAMED),
     (("max", expression), NAMED),
@@ -122,8 +123,8 @@ const DESCRIBED: &[Role] =
 /// The name of a derivative follows from the name of its state.
 const NAMED: &[Role] = DESCRIBED.split_at(1).1;
 const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];
-/// Options for a few types only, which messages do not list.
-const RARE: [&str; 2] = ["mime_type", "size"];
+/// Options for a few variables only, which messages do not list.
+const RARE: [&str; 3] = ["display", "mime_type", "size"];
 
 /// The options that are given: name, place and value.
 #[derive(Default)]

@@ -172,6 +172,17 @@ impl Field {
         require(given.or_else(comment).or_else(of_state), &self.ident)
     }
 
+    /// The unit to display values in; empty if it is the unit of the variable.
+    pub fn display_unit(&self) -> String {
+        let text = |option| self.options.text(option).map(LitStr::value).unwrap_or_default();
+        let (unit, display) = (text("unit"), text("display"));
+        match display.is_empty() {
+            true => Unit::default_display(&unit).unwrap_or_default(),
+            false if display == unit => String::new(),
+            false => display,
+        }
+    }
+
     /// Checks that the options go with the type and with each other. Their values are checked by the compiler.
     fn check(&self) -> Result<()> {
         let (options, of_type) = (&self.options, self.of_type);
@@ -186,7 +197,10 @@ impl Field {
             !of_type.is_float(),
             "only an f64 or f32 has a unit (a type alias is not recognized)",
         )?;
-        options.text("unit").map_or(Ok(()), check_unit)?;
+        let unit = options.text("unit").map(check_unit).transpose()?;
+        if let Some(display) = options.text("display") {
+            check_display(display, options.text("unit").zip(unit))?;
+        }
         refuse(
             options.text("mime_type"),
             of_type != FmiType::Binary,
@@ -252,9 +266,12 @@ fn refuse(place: Option<impl ToTokens>, is_mistake: bool, what: &str) -> Result<
     }
 }
 
-fn check_unit(unit: &LitStr) -> Result<()> {
+fn check_unit(unit: &LitStr) -> Result<Unit> {
     let text = unit.value();
-    let Err(unknown) = Unit::parse(&text) else { return Ok(()) };
+    let unknown = match Unit::parse(&text) {
+        Ok(unit) => return Ok(unit),
+        Err(unknown) => unknown,
+    };
     let which = match unknown == format!("{text:?} is not a unit") {
         true => String::new(),
         false => format!(": {unknown}"),
@@ -265,6 +282,24 @@ fn check_unit(unit: &LitStr) -> Result<()> {
             "unknown unit {text:?}{which}; expected a product such as \"N.m\", \"kg.m2\", \"m/s2\" or \"N/(rad.s)\""
         ),
     )
+}
+
+/// Checks that values of a variable with a unit can be displayed in another one.
+fn check_display(display: &LitStr, unit: Option<(&LitStr, Unit)>) -> Result<()> {
+    let shown = check_unit(display)?;
+    let Some((name, unit)) = unit else {
+        let what = "a display unit needs the unit of the values; expected `unit` as well";
+        return error(display, what);
+    };
+    if unit.conversion_to(&shown).is_some() {
+        return Ok(());
+    }
+    let (display_name, name) = (display.value(), name.value());
+    let (dimension, other) = (unit.dimension(), shown.dimension());
+    let what = format!(
+        "{display_name:?} cannot display a value in {name:?}: its dimension is {other}, not {dimension}"
+    );
+    error(display, what)
 }
 
 /// The type of the elements of a variable; a type that is not known is taken for an enumeration, and checked by

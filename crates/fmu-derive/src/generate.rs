@@ -95,6 +95,7 @@ impl Field {
         let nominal = nominal.map_or_else(|| quote!(1.0), |n| n.positive("nominal", krate));
         let text = |option| options.text(option).map(LitStr::value).unwrap_or_default();
         let [size, unit, terminal] = ["size", "unit", "terminal"].map(text);
+        let display_unit = self.display_unit();
         let mime_type = match self.of_type {
             FmiType::Binary if !options.has("mime_type") => "application/octet-stream".into(),
             _ => text("mime_type"),
@@ -121,6 +122,7 @@ impl Field {
                 start: #start,
                 bounds: #krate::Bounds::#bounds,
                 unit: #unit,
+                display_unit: #display_unit,
                 mime_type: #mime_type,
                 initially_from: #initially_from,
                 dynamics: #krate::Dynamics::#dynamics,

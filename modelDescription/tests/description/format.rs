@@ -6,7 +6,7 @@ use fmu_description::interface::{GUID_LENGTH, size, write};
 use fmu_export::prelude::*;
 
 /// The version of the format, and a hash of a copy in it.
-const FORMAT: (u32, u128) = (8, 0x4e235181d43994b2bc82bc53aeee77ea);
+const FORMAT: (u32, u128) = (9, 0xaef719295f8b81ad775d6130382b91e8);
 
 /// A model with everything that a copy can have; it never changes.
 #[derive(Model)]

@@ -17,7 +17,7 @@ use fmu_description::{
     read_interfaces,
 };
 use fmu_export::prelude::*;
-use models::{Gauges, Lists, Reservoir, Sizes, Spring};
+use models::{Fan, Gauges, Lists, Reservoir, Sizes, Spring};
 use proptest::prelude::*;
 
 /// Defines the interface and the copy of a model or a variant of it.
@@ -39,6 +39,7 @@ interfaces! {
     OTHER OTHER_COPY: Sizes, Some(OTHER_VARIANT);
     LISTS LISTS_COPY: Lists, None;
     GAUGES GAUGES_COPY: Gauges, None;
+    FAN FAN_COPY: Fan, None;
     LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:1:3");
 }
 
@@ -110,6 +111,47 @@ fn the_xml_of_each_version_has_all_that_the_struct_says() {
     assert!(!xml(&stepped, Fmi2).contains("reinit"), "events of model exchange only");
 }
 
+#[test]
+fn values_are_displayed_in_the_unit_of_choice() {
+    let fan = description(&FAN_COPY);
+    for version in FmiVersion::ALL {
+        let document = xml(&fan, version);
+        let root = parse(&document).unwrap();
+        let mut shown = Vec::new();
+        for unit in root.list("UnitDefinitions", "Unit") {
+            for display in unit.children("DisplayUnit") {
+                let [factor, offset] = ["factor", "offset"]
+                    .map(|name| display.attribute(name).map(|number| number.parse().unwrap()));
+                let [unit, display] = [unit, display].map(|e| e.attribute("name").unwrap());
+                shown.push((unit, display, factor.unwrap_or(1.0), offset.unwrap_or(0.0)));
+            }
+        }
+        let pi = core::f64::consts::PI;
+        let expected = [
+            ("rad/s", "rpm", 30.0 / pi, 0.0),
+            ("rad/s", "deg/s", 180.0 / pi, 0.0),
+            ("K", "degC", 1.0, -273.15),
+        ];
+        assert_eq!(shown, expected);
+        let model = ModelDescription::read(&root).unwrap();
+        let displays = model.variables().map(|(_, v)| (&*v.name, v.display_unit.as_deref()));
+        let displays: Vec<_> = displays.filter(|(name, _)| !name.ends_with("[2]")).collect();
+        let temperatures =
+            if version == FmiVersion::Fmi2 { "temperatures[1]" } else { "temperatures" };
+        let expected = [
+            ("motor", Some("rpm")),
+            ("wheel", Some("deg/s")),
+            (temperatures, Some("degC")),
+            ("angle", None),
+        ];
+        assert_eq!(displays[..4], expected);
+    }
+    let mut fan = fan;
+    fan.variables[0].display_unit = Some("Hz".into());
+    let error = fan.to_xml(FmiVersion::Fmi2, &Origin::default()).unwrap_err().to_string();
+    assert_eq!(error, "\"Hz\" cannot display a value in \"rad/s\"");
+}
+
 /// The valid variables of a document, without their elements.
 fn read(document: &str) -> Vec<Variable> {
     let root = parse(document).unwrap();
@@ -120,7 +162,7 @@ fn read(document: &str) -> Vec<Variable> {
 
 #[test]
 fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
-    for copy in [&TANK_COPY[..], &SPRING_COPY, &OTHER_COPY, &LISTS_COPY] {
+    for copy in [&TANK_COPY[..], &SPRING_COPY, &OTHER_COPY, &LISTS_COPY, &FAN_COPY] {
         let model = description(copy);
         let variables = model.variables.iter().map(|v| {
             let mut expected = v.clone();
@@ -236,6 +278,7 @@ fn the_guid_changes_with_the_interface_only() {
     assert_eq!(changed(|field, _| field.description = "another"), plain);
     assert_eq!(changed(|field, _| field.terminal = "another.one"), plain);
     assert_eq!(changed(|field, _| field.nominal = 2.0), plain);
+    assert_eq!(changed(|field, _| field.display_unit = "l/min"), plain);
     // Equations count with their states, derivatives and event indicators.
     assert_eq!(changed(|_, interface| interface.is_continuous = true), plain);
     let mut guids = vec![plain];

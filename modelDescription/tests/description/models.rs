@@ -14,7 +14,7 @@ macro_rules! does_nothing {
         )*
     };
 }
-does_nothing!(Reservoir Sizes Lists);
+does_nothing!(Reservoir Sizes Lists Fan);
 
 /// A tank with two valves
 #[derive(Model)]
@@ -220,4 +220,21 @@ impl Simulate for Gauges {
         self.gauge[1].levels[0][1] = time;
         Ok(())
     }
+}
+
+/// A fan whose values are displayed in units of one's choice
+#[derive(Model)]
+pub struct Fan {
+    /// speed of the motor
+    #[output(unit = "rad/s", display = "rpm")]
+    motor: f64,
+    /// speed of the wheel, in the customary unit
+    #[output(unit = "rad/s")]
+    wheel: f64,
+    /// temperatures
+    #[output(unit = "K", display = "degC", start = [300, 310])]
+    temperatures: [f64; 2],
+    /// angle, in its own unit
+    #[output(unit = "rad", display = "rad")]
+    angle: f64,
 }

@@ -9,6 +9,9 @@ struct Units {
     /** no product */ #[input(unit = "Nm")] torque: f64,
     /** a count */ #[input(unit = "m")] count: i32,
     /** no text */ #[input(unit = 1)] number: f64,
+    /** displayed in another dimension */ #[output(unit = "rad/s", display = "Hz")] speed: f64,
+    /** displayed in an unknown unit */ #[output(unit = "K", display = "celsius")] heat: f64,
+    /** displayed without a unit */ #[output(display = "rpm")] slip: f64,
 }
 
 fn main() {}
