@@ -88,7 +88,7 @@ pub const fn number(number: i128) -> i32 {
 
 /// Panics with both texts, joined by hand: constant evaluation can format only one.
 #[track_caller]
-const fn fail(message: &str, name: &str) -> ! {
+pub const fn fail(message: &str, name: &str) -> ! {
     let mut text = [b' '; 256];
     let mut i = 0;
     while i < message.len() + name.len() && i < text.len() {

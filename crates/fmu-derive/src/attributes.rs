@@ -9,7 +9,7 @@ use syn::meta::ParseNestedMeta;
 use syn::parse::ParseStream;
 use syn::punctuated::Punctuated;
 use syn::spanned::Spanned;
-use syn::{Attribute, Error, Ident, LitStr, Result, Token, parenthesized};
+use syn::{Attribute, Error, Ident, LitStr, Path, Result, Token, parenthesized};
 
 use crate::expression::Expression;
 
@@ -136,11 +136,14 @@ impl Options {
         attributes: &[Attribute],
         (name, known): (&str, &[KnownOption]),
     ) -> Result<Self> {
-        let names = || known.iter().map(|(name, _)| *name).collect::<Vec<_>>();
-        let expected = || format!("unknown option; expected {}", either(&names()));
+        let names: Vec<_> = known.iter().map(|(name, _)| *name).collect();
+        let unknown = |option: &Path| match similar(option, &names) {
+            Some(similar) => format!("unknown option; did you mean `{similar}`?"),
+            None => format!("unknown option; expected {}", either(&names)),
+        };
         let mut options = Self::default();
         for attribute in attributes.iter().filter(|a| a.path().is_ident(name)) {
-            attribute.parse_nested_meta(|meta| options.read(&meta, known, &expected))?;
+            attribute.parse_nested_meta(|meta| options.read(&meta, known, &unknown))?;
         }
         Ok(options)
     }
@@ -165,16 +168,15 @@ impl Options {
             }
             let of_role = FIELD_OPTIONS.iter().filter(|(_, roles)| roles.contains(role));
             let known: Vec<KnownOption> = of_role.map(|(known, _)| *known).collect();
-            let expected = || {
-                let names = known.iter().map(|(name, _)| *name);
-                let names: Vec<_> = names.filter(|name| !RARE.contains(name)).collect();
-                let names = match names.len() {
-                    0..=2 => either(&names),
-                    _ => quoted(&names).join(", "),
+            let names: Vec<_> = known.iter().map(|(name, _)| *name).collect();
+            let unknown = |option: &Path| {
+                let expected = match similar(option, &names) {
+                    Some(similar) => format!("did you mean `{similar}`?"),
+                    None => format!("expected {}", frequent(&names)),
                 };
-                format!("not an option of `{name}`; expected {names}")
+                format!("not an option of `{name}`; {expected}")
             };
-            attribute.parse_nested_meta(|meta| options.read(&meta, &known, &expected))?;
+            attribute.parse_nested_meta(|meta| options.read(&meta, &known, &unknown))?;
         }
         Ok((found, options))
     }
@@ -183,10 +185,10 @@ impl Options {
         &mut self,
         meta: &ParseNestedMeta<'_>,
         known: &[KnownOption],
-        expected: &dyn Fn() -> String,
+        unknown: &dyn Fn(&Path) -> String,
     ) -> Result<()> {
         let found = known.iter().find(|(name, _)| meta.path.is_ident(name));
-        let (name, value) = found.ok_or_else(|| meta.error(expected()))?;
+        let (name, value) = found.ok_or_else(|| meta.error(unknown(&meta.path)))?;
         if self.has(name) {
             return Err(meta.error("this option is given twice"));
         }
@@ -314,6 +316,25 @@ pub fn ident_name(ident: &Ident) -> LitStr {
 
 fn quoted(names: &[&str]) -> Vec<String> {
     names.iter().map(|name| format!("`{name}`")).collect()
+}
+
+/// The options in a sentence, without those for a few types.
+fn frequent(names: &[&str]) -> String {
+    let names: Vec<_> = names.iter().copied().filter(|name| !RARE.contains(name)).collect();
+    match names.len() {
+        0..=2 => either(&names),
+        _ => quoted(&names).join(", "),
+    }
+}
+
+/// The name that was probably meant.
+fn similar<'a>(written: &Path, names: &[&'a str]) -> Option<&'a str> {
+    const MIN_SIMILARITY: f64 = 0.7;
+    let written = written.get_ident()?.to_string();
+    let scores =
+        names.iter().map(|name| (strsim::normalized_damerau_levenshtein(&written, name), *name));
+    let best = scores.max_by(|(one, _), (other, _)| one.total_cmp(other))?;
+    (best.0 >= MIN_SIMILARITY).then_some(best.1)
 }
 
 /// Names in a sentence: `a`, `b` or `c`.

@@ -190,10 +190,7 @@ impl dyn AnyModel {
                 && let Some(value) = self.get(&scalar).as_real()
                 && !value.is_finite()
             {
-                return Err(ModelError::new(format_args!(
-                    "{} became {value}: the simulation diverges",
-                    scalar.name()
-                )));
+                return Err(became(&scalar.name(), value));
             }
         }
         Ok(())
@@ -220,7 +217,7 @@ impl dyn AnyModel {
             (0..self.info().count as u32).filter_map(|reference| self.scalar_at(reference));
         let found = all.find(|scalar| scalar.offset_of_real() == Some(offset));
         let name = found.map(|scalar| scalar.name()).unwrap_or_default();
-        ModelError::new(format_args!("{name} became {value}"))
+        became(&name, value)
     }
 
     /// Sets all input derivatives to zero.
@@ -231,6 +228,18 @@ impl dyn AnyModel {
             }
         }
     }
+}
+
+/// The error of a value that is not finite.
+#[cold]
+fn became(name: &str, value: f64) -> ModelError {
+    let cause = match value.is_nan() {
+        true => {
+            "an invalid operation, such as 0/0, inf - inf or the square root of a negative number"
+        }
+        false => "the simulation diverges, or a number was divided by zero",
+    };
+    ModelError::new(format_args!("{name} became {value}: {cause}"))
 }
 
 /// The numbers that a solver exchanges with a model, in the order of the table.

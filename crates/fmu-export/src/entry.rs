@@ -3,7 +3,7 @@
 use std::ffi::CStr;
 
 use fmi_abi::FmiVersion;
-use fmu_description::checks::check;
+use fmu_description::checks::{check, fail};
 use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
 use fmu_description::{Interface, StartOverrides};
@@ -86,7 +86,9 @@ impl Entry {
             let (one, other) = (entries[pair / N].name, entries[pair % N].name);
             let is_same = checksum(one.as_bytes()) == checksum(other.as_bytes());
             let is_other = pair / N != pair % N && !one.is_empty();
-            assert!(!(is_same && is_other), "two models have the same name");
+            if is_same && is_other {
+                fail("two models have the name ", one);
+            }
             pair += 1;
         }
         entries

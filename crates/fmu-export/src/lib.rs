@@ -107,7 +107,7 @@ pub use edge::fmi2;
 pub use edge::fmi3;
 #[doc(hidden)]
 pub use entry::{Entry, interface};
-pub use error::ModelError;
+pub use error::{Context, ModelError};
 #[doc(hidden)]
 pub use fmi_abi as abi;
 #[doc(hidden)]
@@ -135,7 +135,7 @@ pub use no_functions as functions_of_fmi3;
 /// What a model needs: `use fmu_export::prelude::*;`.
 pub mod prelude {
     pub use crate::{
-        Choice, Continuous, Log, Model, ModelError, Simulate, Start, Variables, export,
+        Choice, Context, Continuous, Log, Model, ModelError, Simulate, Start, Variables, export,
     };
 }
 

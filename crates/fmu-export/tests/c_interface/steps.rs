@@ -154,7 +154,7 @@ fn outputs_that_are_not_finite_are_errors_that_name_them() {
     for kind in PLAIN {
         let it = Instance::running(kind, EVERY);
         ok([it.set(TROUBLE, DIVERGE)]);
-        let words = "from t = 0.0 s by 0.25 s: parts[2] became inf: the simulation diverges";
+        let words = "from t = 0.0 s by 0.25 s: parts[2] became inf: the simulation diverges, or a number was divided by zero";
         it.fails(ERROR, words, |f| f.step(0.0, 0.25));
         assert_eq!(it.step(0.0, 0.25), ERROR);
         let sampled = Instance::running(kind, SAMPLED);

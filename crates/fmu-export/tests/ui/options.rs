@@ -30,4 +30,11 @@ struct Group {}
 #[model(sampletime = 0.1)]
 struct UnknownOption {}
 
+#[derive(Variables)]
+struct Misspelled {
+    /** a letter too many */ #[parameter(tuneable)] gain: f64,
+    /** letters exchanged */ #[parameter(strat = 1)] start: f64,
+    /** another word */ #[parameter(default = 1)] default: f64,
+}
+
 fn main() {}
