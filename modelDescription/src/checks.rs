@@ -132,9 +132,10 @@ const fn row(rows: &'static [TableRow], index: usize) -> &'static [TableRow] {
 pub const fn check<const N: usize>(scalars: &[ScalarVariable; N], is_integrated: bool) {
     each_variable!(i, scalar in scalars => {
         assert!(
-            scalar.last_name_length() <= MAX_NAME,
+            scalar.last_name_length(scalar.variable.name) <= MAX_NAME,
             "a variable's name has more than 63 characters"
         );
+        check_aliases(i, scalars);
         assert!(
             scalar.position(scalar.variable.name, scalars) == i,
             "two variables have the same name"
@@ -159,6 +160,31 @@ pub const fn check<const N: usize>(scalars: &[ScalarVariable; N], is_integrated:
         check_start_values(scalar.variable, "a start value is outside the bounds of its variable");
         check_dynamics(scalar, scalars);
         check_size(scalar, scalars);
+    });
+}
+
+/// Fails the compilation if a former name of a variable is too long, or a name of another variable.
+#[track_caller]
+const fn check_aliases(variable: usize, scalars: &[ScalarVariable]) {
+    let scalar = &scalars[variable];
+    each!(a, alias in scalar.variable.aliases() => {
+        assert!(
+            scalar.last_name_length(alias) <= MAX_NAME,
+            "an alias has more than 63 characters"
+        );
+        assert!(
+            scalar.position(alias, scalars) == scalars.len(),
+            "an alias is the name of a variable"
+        );
+        each_variable!(i, other in scalars => {
+            each!(b, other_alias in other.variable.aliases() => {
+                assert!(
+                    i == variable && b == a
+                        || other.name_hash(other_alias) != scalar.name_hash(alias),
+                    "two variables have the same alias"
+                );
+            });
+        });
     });
 }
 

@@ -5,7 +5,9 @@ pub use crate::checks::{check_bounds, check_start, exists, number, positive, uni
 use crate::hash::Hash;
 use crate::scalar::scalar_count;
 use crate::table::AnyChoice;
-pub use crate::table::{Bounds, Declaration, Dynamics, Enumeration, Item, TableRow, TypedStart};
+pub use crate::table::{
+    Bounds, Declaration, Dynamics, Enumeration, History, Item, TableRow, TypedStart,
+};
 pub use crate::variables::{Choice, Internal, StateError, StateReader, StateWriter, Variables};
 pub use crate::vocabulary::{Causality, Variability};
 

@@ -29,8 +29,11 @@ pub struct Origin {
 struct XmlWriter<'a> {
     model: &'a ExportedModel,
     version: FmiVersion,
-    /// The variables that the version lists, in the order of their value references.
+    /// The variables that the version lists, in the order of their value references; in FMI 2.0, their other names
+    /// follow.
     variables: Vec<Variable>,
+    /// How many of them have a value reference of their own.
+    distinct: usize,
 }
 
 /// The lists of the model structure: their names in FMI 2.0, which has three, the elements of FMI 3.0, and what
@@ -51,11 +54,16 @@ impl ExportedModel {
     /// A unit is unknown, two enumerations with different items have the same name, or a variable has the
     /// name of the independent variable of FMI 3.0.
     pub fn to_xml(&self, version: FmiVersion, origin: &Origin) -> Result<Element<'static>> {
-        let (variables, token) = match version {
+        let (mut variables, token) = match version {
             FmiVersion::Fmi2 => (fmi2::variables(self), "guid"),
             FmiVersion::Fmi3 => (fmi3::variables(self)?, "instantiationToken"),
         };
-        let writer = XmlWriter { model: self, version, variables };
+        let distinct = variables.len();
+        if version == FmiVersion::Fmi2 {
+            let others = Vec::from_iter(variables.iter_mut().flat_map(fmi2::take_aliases));
+            variables.extend(others);
+        }
+        let writer = XmlWriter { model: self, version, variables, distinct };
         let root = Element::new("fmiModelDescription")
             .with("fmiVersion", version.as_str())
             .with("modelName", &self.name)
@@ -166,7 +174,8 @@ impl XmlWriter<'_> {
         let by_reference = |v: &Variable| v.reference as usize;
         match self.version {
             FmiVersion::Fmi2 => {
-                let found = (self.variables).binary_search_by_key(&reference, by_reference);
+                let distinct = &self.variables[..self.distinct];
+                let found = distinct.binary_search_by_key(&reference, by_reference);
                 found.ok().map(|position| position + 1)
             }
             FmiVersion::Fmi3 => Some(reference),
@@ -200,10 +209,17 @@ impl XmlWriter<'_> {
         };
         let has_elements = matches!(v.of_type, Type::String | Type::Binary);
         let elements = starts.map(|value| Element::new("Start").with("value", value));
+        let alias = |name: &String| {
+            Element::new("Alias")
+                .with("name", name)
+                .with("description", format!("Former name of {}", v.name))
+                .with_some("displayUnit", v.display_unit.as_ref())
+        };
         let element = element
             .with_some("intermediateUpdate", is_intermediate.then_some(true))
             .holding_all(v.dimensions.iter().map(dimension))
-            .holding_all(elements.take(if has_elements { v.start.len() } else { 0 }));
+            .holding_all(elements.take(if has_elements { v.start.len() } else { 0 }))
+            .holding_all(v.aliases.iter().map(alias));
         self.typed(element, v, start.filter(|_| !has_elements))
     }
 
@@ -246,7 +262,7 @@ impl XmlWriter<'_> {
         };
         let structure = Element::new("ModelStructure");
         LISTS.iter().fold(structure, |structure, (of_2, of_3, is)| {
-            let unknown = |v: &Variable| {
+            let unknown = |(position, v): (usize, &Variable)| {
                 let dependencies = match *of_2 == "InitialUnknowns" {
                     true => {
                         let is_listed = self.model.is_continuous;
@@ -256,14 +272,15 @@ impl XmlWriter<'_> {
                     }
                     false => (self.dependencies(v)).or_else(|| Some(all(Variable::is_known))),
                 };
-                let name = if is_2 { "index" } else { "valueReference" };
                 let number = |reference| self.number(reference);
                 let dependencies = dependencies.map(|all| list(all.into_iter().filter_map(number)));
-                Element::new(if is_2 { "Unknown" } else { of_3 })
-                    .with_some(name, number(v.reference as usize))
-                    .with_some("dependencies", dependencies)
+                let unknown = match is_2 {
+                    true => Element::new("Unknown").with("index", position),
+                    false => Element::new(of_3).with("valueReference", v.reference),
+                };
+                unknown.with_some("dependencies", dependencies)
             };
-            let unknowns = self.variables.iter().filter(|v| is(v)).map(unknown);
+            let unknowns = (1..).zip(&self.variables).filter(|(_, v)| is(v)).map(unknown);
             match (is_2, of_2.is_empty()) {
                 (true, true) => structure,
                 (true, false) => structure.listing(of_2, unknowns.collect()),

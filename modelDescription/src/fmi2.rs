@@ -3,7 +3,7 @@
 use crate::exported::ExportedModel;
 use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
-use crate::{Causality, Dynamics, Type, Value, Variability};
+use crate::{Causality, Dynamics, Initial, Type, Value, Variability};
 
 /// The scalar variables that FMI 2.0 can express, of arrays the elements that are in use by default.
 pub(crate) fn variables(model: &ExportedModel) -> Vec<Variable> {
@@ -12,6 +12,56 @@ pub(crate) fn variables(model: &ExportedModel) -> Vec<Variable> {
     variables
         .flat_map(|v| (0..model.elements_in_use(v)).map(move |element| scalar(model, v, element)))
         .collect()
+}
+
+/// The variables for the other names of a variable. They are its aliases, variables with the same value reference, of
+/// which FMI 2.0 allows only one to be set and to have a start value (FMI 2.0.5, section 2.2.7). This one gets the first
+/// former name, so that all that hosts have set by this name they still can; it is then the variable itself.
+pub(crate) fn take_aliases(v: &mut Variable) -> Vec<Variable> {
+    let mut names = std::mem::take(&mut v.aliases);
+    let is_set = !v.start.is_empty() && v.variability != Variability::Constant;
+    let name = v.name.clone();
+    let former = format!("{} (former name of {name})", v.description);
+    let by = match v.causality {
+        Causality::Input | Causality::Parameter => {
+            names.first().map(|by| format!(" (set as {by})"))
+        }
+        _ => None,
+    };
+    let alias = Variable {
+        causality: match v.causality {
+            Causality::Input => Causality::Local,
+            Causality::Parameter => Causality::CalculatedParameter,
+            causality => causality,
+        },
+        initial: if is_set { Some(Initial::Calculated) } else { v.initial },
+        start: if is_set { Vec::new() } else { v.start.clone() },
+        exported: ExportInfo {
+            dynamics: Dynamics::Algebraic,
+            initially_from: match is_set {
+                true => Some(vec![v.reference as usize]),
+                false => v.exported.initially_from.clone(),
+            },
+            depends_on: match v.exported.dynamics {
+                Dynamics::State => vec![v.reference as usize],
+                _ => v.exported.depends_on.clone(),
+            },
+            ..v.exported.clone()
+        },
+        ..v.clone()
+    };
+    if let Some(first) = names.first_mut().filter(|_| is_set) {
+        v.name = std::mem::replace(first, name.clone());
+        v.description.clone_from(&former);
+    }
+    let others = names.into_iter().map(|other| {
+        let description = match other == name {
+            true => format!("{}{}", alias.description, by.as_deref().unwrap_or_default()),
+            false => former.clone(),
+        };
+        Variable { name: other, description, ..alias.clone() }
+    });
+    others.collect()
 }
 
 /// Why FMI 2.0 cannot express the type of a variable: it is binary, or a start value or all values that it may have are
@@ -58,6 +108,7 @@ fn scalar(model: &ExportedModel, v: &Variable, element: usize) -> Variable {
     };
     Variable {
         name: v.element_name(&v.name, element),
+        aliases: v.aliases.iter().map(|alias| v.element_name(alias, element)).collect(),
         reference: v.reference + element as u32,
         dimensions: Vec::new(),
         min,

@@ -5,7 +5,7 @@
 //! the parts that make up the identity of the interface.
 
 use crate::hash::{Hash, checksum};
-use crate::scalar::{ScalarVariable, each_variable};
+use crate::scalar::{ScalarVariable, each_variable, length};
 use crate::table::{Bounds, Constant, Declaration, Dynamics, TypedStart, each};
 use crate::{Causality, Initial, Type, Value, Variability};
 
@@ -167,6 +167,8 @@ pub const GUID_LENGTH: usize = 38;
 pub(crate) const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format of copies; increase it when the format changes.
 pub(crate) const VERSION: u32 = 9;
+/// What is between the description of a deprecated variable and the text that says what to use instead.
+pub(crate) const DEPRECATED: &str = " (deprecated: ";
 /// Size of the checksum at the end of a copy.
 pub(crate) const CHECKSUM: usize = size_of::<u128>();
 
@@ -195,6 +197,7 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
 const fn identify(scalar: &ScalarVariable, mut hash: Hash) -> Hash {
     let field = scalar.variable;
     each!(prefix in scalar.prefixes => { hash = hash.text(prefix); });
+    each!(alias in field.aliases() => { hash = hash.text("alias").text(alias); });
     hash = (hash.text(field.name))
         .bytes(&[field.causality as u8, field.variability as u8])
         .number(field.dimensions.len() as u64);
@@ -303,6 +306,12 @@ impl<const N: usize> CopyWriter<N> {
         self.raw(bytes);
     }
 
+    /// Adds a text in parts.
+    const fn parts(&mut self, parts: &[&str]) {
+        self.number(length(parts) as u128);
+        each!(part in parts => { self.raw(part.as_bytes()); });
+    }
+
     /// Adds a text, or that there is none if it is empty.
     const fn some_text(&mut self, text: &str) {
         self.raw(&[!text.is_empty() as u8]);
@@ -357,10 +366,13 @@ impl<const N: usize> CopyWriter<N> {
     const fn variable(&mut self, reference: usize, interface: &Interface) {
         let (scalar, scalars) = (&interface.scalars[reference], interface.scalars);
         let field = scalar.variable;
-        self.number(scalar.name_length() as u128);
-        each!(part in scalar.name_parts() => { self.raw(part.as_bytes()); });
+        self.parts(&scalar.name_parts());
+        self.aliases(scalar, scalars);
         self.number(reference as u128);
-        self.text(field.description.as_bytes());
+        match field.deprecated() {
+            instead if instead.is_empty() => self.text(field.description.as_bytes()),
+            instead => self.parts(&[field.description, DEPRECATED, instead, ")"]),
+        }
         // Outputs of a model with a sample time change at its sample instants only.
         let is_held =
             interface.is_sampled && matches!(field.causality, Causality::Output | Causality::Local);
@@ -386,6 +398,24 @@ impl<const N: usize> CopyWriter<N> {
         self.bounds(field);
         self.start(&field.start, reference, interface.overrides);
         self.declared_type(&field.start);
+    }
+
+    /// Adds the former names of a variable; the derivative of a state has them from the state.
+    const fn aliases(&mut self, scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
+        let (of, start, end) = match scalar.variable.dynamics {
+            Dynamics::Derivative { of } => {
+                (scalars[scalar.position(of, scalars)].variable, "der(", ")")
+            }
+            _ => (scalar.variable, "", ""),
+        };
+        self.number(of.aliases().len() as u128);
+        each!(alias in of.aliases() => {
+            let name = scalar.parts_of(alias);
+            self.number((start.len() + length(&name) + end.len()) as u128);
+            self.raw(start.as_bytes());
+            each!(part in name => { self.raw(part.as_bytes()); });
+            self.raw(end.as_bytes());
+        });
     }
 
     const fn exported(&mut self, scalar: &ScalarVariable, scalars: &[ScalarVariable]) {

@@ -186,7 +186,7 @@ impl<'a> ModelDescription<'a> {
         let mut known: HashMap<String, &str> = HashMap::new();
         let mut found = Vec::new();
         for (_, variable) in self.variables() {
-            for name in [&*variable.name].into_iter().chain(variable.aliases()) {
+            for name in variable.names() {
                 let is_time = name == "time";
                 if is_reserved_in_modelica(name)
                     && !(is_time && variable.causality == Causality::Independent)
@@ -315,6 +315,10 @@ impl<'a> XmlVariable<'a> {
             is_sized: dimensions.is_some(),
             variable: Variable {
                 name: element.attribute("name")?.to_owned(),
+                // FMI 3.0.2, section 2.4.7.6.
+                aliases: (element.children("Alias"))
+                    .filter_map(|alias| Some(alias.attribute("name")?.to_owned()))
+                    .collect(),
                 reference: whole(element.attribute("valueReference")?)?,
                 description: text(element, "description"),
                 of_type,
@@ -371,12 +375,6 @@ impl<'a> XmlVariable<'a> {
     fn has_start_elements(&self) -> bool {
         let has_own_type = std::ptr::eq(self.element, self.value);
         has_own_type && matches!(self.of_type, Type::String | Type::Binary)
-    }
-
-    /// Other names of the variable (FMI 3.0.2, section 2.4.7.6).
-    pub fn aliases(&self) -> impl Iterator<Item = &'a str> + use<'a> {
-        let aliases = self.element.children("Alias");
-        aliases.filter_map(|alias| alias.attribute("name"))
     }
 
     /// An attribute of the variable, or else of its declared type, as written.
@@ -481,7 +479,7 @@ mod tests {
         let line = |(index, v): (usize, &XmlVariable<'_>)| {
             let items = v.items().iter().map(|item| (&item.name, item.value));
             let items: Vec<_> = items.collect();
-            let (starts, aliases) = (v.starts(), v.aliases().collect::<Vec<_>>());
+            let (starts, aliases) = (v.starts(), &v.aliases);
             format!(
                 "{index} {}: {:?} {:?} {:?} {:?} {:?} {starts:?} {:?} {:?} {:?} {:?} {items:?} {aliases:?}\n",
                 v.name,

@@ -111,13 +111,17 @@ impl ScalarVariable {
     }
 
     /// The parts of the name of the variable with the prefixes of its groups: `pid.kp`, `der(pid.x)`.
-    pub(crate) const fn name_parts(&self) -> [&'static str; 2 * MAX_DEPTH + 2] {
+    pub(crate) const fn name_parts(&self) -> NameParts {
+        self.parts_of(self.variable.name)
+    }
+
+    /// The parts of a name in the group of the variable.
+    pub(crate) const fn parts_of(&self, name: &'static str) -> NameParts {
         let mut parts = [""; 2 * MAX_DEPTH + 2];
-        let (start, name) =
-            match (self.variable.name.as_bytes(), self.variable.name.split_at_checked(4)) {
-                ([b'd', b'e', b'r', b'(', ..], Some(parts)) => parts,
-                _ => ("", self.variable.name),
-            };
+        let (start, name) = match (name.as_bytes(), name.split_at_checked(4)) {
+            ([b'd', b'e', b'r', b'(', ..], Some(parts)) => parts,
+            _ => ("", name),
+        };
         (parts[0], parts[2 * MAX_DEPTH + 1]) = (start, name);
         each!(i, prefix in self.prefixes => {
             if !prefix.is_empty() {
@@ -127,19 +131,22 @@ impl ScalarVariable {
         parts
     }
 
-    /// Length of the name of the variable in bytes.
-    pub(crate) const fn name_length(&self) -> usize {
-        let mut length = 0;
-        each!(part in self.name_parts() => { length += part.len(); });
-        length
-    }
-
-    /// Length of the name of the last element.
-    pub(crate) const fn last_name_length(&self) -> usize {
-        let mut length = self.name_length();
+    /// Length of the name of the last element, from the name of the variable or an alias.
+    pub(crate) const fn last_name_length(&self, name: &'static str) -> usize {
+        let mut length = length(&self.parts_of(name));
         each!(size in self.variable.dimensions => { length += 2 + size.ilog10() as usize; });
         length + !self.variable.dimensions.is_empty() as usize
     }
+}
+
+/// The parts of a full name, some of which are empty.
+pub(crate) type NameParts = [&'static str; 2 * MAX_DEPTH + 2];
+
+/// Length of a text in parts, in bytes.
+pub(crate) const fn length(parts: &[&str]) -> usize {
+    let mut length = 0;
+    each!(part in parts => { length += part.len(); });
+    length
 }
 
 /// The name of an element, with an index as FMI writes it: `w[1,2]`, `der(x[2])`; a scalar has no index.
@@ -196,6 +203,7 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariab
     const NONE: &Declaration = &Declaration {
         name: "",
         description: "",
+        history: None,
         offset: 0,
         causality: Causality::Local,
         variability: Variability::Continuous,

@@ -50,6 +50,8 @@ pub struct Declaration {
     pub name: &'static str,
     /// A short description.
     pub description: &'static str,
+    /// What hosts of earlier versions of the model knew it as; `None` if it has not changed.
+    pub history: Option<&'static History>,
     /// Offset of the field in its struct in bytes.
     pub offset: usize,
     /// What determines its value.
@@ -86,6 +88,15 @@ pub struct Declaration {
     pub has_input_derivative: bool,
     /// Its terminal, and its name there, as `terminal.member`; empty if it is in none.
     pub terminal: &'static str,
+}
+
+/// How a variable has changed since earlier versions of its model.
+#[derive(Debug, Clone, Copy)]
+pub struct History {
+    /// Former names in the same struct, by which hosts still find it.
+    pub aliases: &'static [&'static str],
+    /// What to do instead of using it, such as `use pid.kp`; empty if it is not deprecated.
+    pub deprecated: &'static str,
 }
 
 /// The part of a variable in the differential equations of a model.
@@ -324,6 +335,22 @@ impl Bounds {
 }
 
 impl Declaration {
+    /// Its former names, without those of its struct.
+    pub const fn aliases(&self) -> &'static [&'static str] {
+        match self.history {
+            Some(history) => history.aliases,
+            None => &[],
+        }
+    }
+
+    /// What to do instead of using it; empty if it is not deprecated.
+    pub const fn deprecated(&self) -> &'static str {
+        match self.history {
+            Some(history) => history.deprecated,
+            None => "",
+        }
+    }
+
     /// Number of scalar variables it represents.
     pub const fn element_count(&self) -> usize {
         let mut count = 1;

@@ -14,6 +14,8 @@ use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value};
 pub struct Variable {
     /// Its name.
     pub name: String,
+    /// Other names of it; in FMI 2.0, an alias is a variable of its own with the same value reference.
+    pub aliases: Vec<String>,
     /// Its value reference.
     pub reference: u32,
     /// A short description.
@@ -93,6 +95,11 @@ pub struct EnumerationItem {
 }
 
 impl Variable {
+    /// Its name and its aliases.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        [&self.name].into_iter().chain(&self.aliases).map(String::as_str)
+    }
+
     /// Number of elements; 1 for a scalar.
     pub fn element_count(&self) -> usize {
         let sizes = self.dimensions.iter().copied();

@@ -140,7 +140,8 @@ impl Variant {
 /// The value reference of a variable, and its start value from a text.
 fn value(model: &ExportedModel, name: &str, text: &str) -> Result<(usize, Value)> {
     let mut scalars = model.scalars();
-    let found = scalars.find(|(_, v, element)| v.element_name(&v.name, *element) == name);
+    let found = scalars
+        .find(|(_, v, element)| v.names().any(|known| v.element_name(known, *element) == name));
     let Some((reference, variable, _)) = found else {
         let settable = model.scalars().filter(|(_, v, _)| has_start(v));
         let names: Vec<_> =

@@ -22,7 +22,7 @@ pub fn rows(model: &ModelDescription<'_>) -> impl Iterator<Item = VariableCells>
             alias[7] = format!("alias of {}", variable.name);
             alias
         };
-        let aliases: Vec<_> = variable.aliases().map(alias).collect();
+        let aliases: Vec<_> = variable.aliases.iter().map(|name| alias(name)).collect();
         [row].into_iter().chain(aliases)
     })
 }

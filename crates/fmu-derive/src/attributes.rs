@@ -100,6 +100,8 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("of", name), &[Derivative]),
     (("name", text), NAMED),
     (("description", text), DESCRIBED),
+    (("alias", name_or_names), NAMED),
+    (("deprecated", text), DESCRIBED),
     (("unit", text), DESCRIBED),
     (("display", text), DESCRIBED),
     (("start", expression), NAMED),
@@ -124,7 +126,7 @@ const DESCRIBED: &[Role] =
 const NAMED: &[Role] = DESCRIBED.split_at(1).1;
 const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];
 /// Options for a few variables only, which messages do not list.
-const RARE: [&str; 3] = ["display", "mime_type", "size"];
+const RARE: [&str; 5] = ["alias", "deprecated", "display", "mime_type", "size"];
 
 /// The options that are given: name, place and value.
 #[derive(Default)]
@@ -280,6 +282,14 @@ fn names(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     parenthesized!(list in meta.input);
     let names = Punctuated::<LitStr, Token![,]>::parse_terminated(&list)?;
     Ok(OptionValue::Names(names.into_iter().collect()))
+}
+
+/// `= "name"` or `("name", "name")`
+fn name_or_names(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    match meta.input.peek(Token![=]) {
+        true => Ok(OptionValue::Names(vec![meta.value()?.parse()?])),
+        false => names(meta),
+    }
 }
 
 /// `(name = expression, name = expression)`

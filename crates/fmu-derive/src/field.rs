@@ -4,7 +4,11 @@ use fmu_description::words::is_identifier;
 use fmu_description::{Type as FmiType, Unit};
 use proc_macro2::{Span, TokenStream};
 use quote::ToTokens;
-use syn::{Attribute, Expr, ExprLit, GenericArgument, Ident, Lit, LitStr, Meta, Result, Type};
+use syn::spanned::Spanned;
+use syn::{
+    Attribute, Expr, ExprLit, GenericArgument, Ident, Lit, LitStr, Meta, MetaNameValue, Result,
+    Type,
+};
 
 use crate::attributes::{Options, Role, error, ident_name};
 use crate::expression::Expression;
@@ -18,6 +22,8 @@ pub struct Field {
     /// The name of a variable, or the prefix of a nested struct.
     pub name: LitStr,
     pub description: String,
+    /// What to do instead of using a variable; empty if it is not deprecated.
+    pub deprecated: String,
     /// The type of a variable, or of the elements of an array.
     pub of_type: FmiType,
     /// The index of its row in the table; an internal field has the index of the next row.
@@ -43,6 +49,7 @@ impl Field {
         let mut found = Self {
             name: ident_name(&ident),
             description: String::new(),
+            deprecated: String::new(),
             of_type: FmiType::Clock,
             row: 0,
             krate: krate.clone(),
@@ -66,6 +73,8 @@ impl Field {
                 found.name = found.variable_name()?;
                 found.description = found.variable_description(&field.attrs)?;
                 found.of_type = fmi_type(&field.ty)?;
+                found.check_aliases()?;
+                found.deprecated = found.deprecated(&field.attrs)?;
                 found.check()?;
             }
         }
@@ -159,6 +168,41 @@ impl Field {
         };
         let state = structured(state.clone())?;
         Ok(LitStr::new(&format!("der({})", state.value()), state.span()))
+    }
+
+    /// The former names of a variable, which have the form of names.
+    fn check_aliases(&self) -> Result<()> {
+        for alias in self.options.names("alias") {
+            let alias = structured(alias.clone())?;
+            if alias.value() == "time" {
+                return error(alias, "\"time\" is the independent variable; expected another name");
+            }
+        }
+        Ok(())
+    }
+
+    /// What to do instead of using the variable, by its option or by Rust's own attribute.
+    fn deprecated(&self, attributes: &[Attribute]) -> Result<String> {
+        let mut instead = self.options.text("deprecated").cloned();
+        for attribute in attributes.iter().filter(|a| a.path().is_ident("deprecated")) {
+            if let Meta::NameValue(MetaNameValue { value, .. }) = &attribute.meta {
+                instead = Some(syn::parse2(value.to_token_stream())?);
+            }
+            if let Meta::List(_) = &attribute.meta {
+                attribute.parse_nested_meta(|meta| {
+                    let text = meta.value()?.parse()?;
+                    instead = if meta.path.is_ident("note") { Some(text) } else { instead.take() };
+                    Ok(())
+                })?;
+            }
+            instead.get_or_insert_with(|| LitStr::new("it will be removed", attribute.span()));
+        }
+        match instead {
+            Some(text) if text.value().is_empty() => {
+                error(text, "expected what to do instead, such as \"use pid.kp\"")
+            }
+            instead => Ok(instead.map(|text| text.value()).unwrap_or_default()),
+        }
     }
 
     /// The description, without the unit, which the variable has by itself.

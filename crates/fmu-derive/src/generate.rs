@@ -96,6 +96,14 @@ impl Field {
         let text = |option| options.text(option).map(LitStr::value).unwrap_or_default();
         let [size, unit, terminal] = ["size", "unit", "terminal"].map(text);
         let display_unit = self.display_unit();
+        let (aliases, deprecated) = (options.names("alias"), &self.deprecated);
+        let history = match aliases.is_empty() && deprecated.is_empty() {
+            true => quote!(::core::option::Option::None),
+            false => quote!(::core::option::Option::Some(&#krate::History {
+                aliases: &[#(#aliases),*],
+                deprecated: #deprecated,
+            })),
+        };
         let mime_type = match self.of_type {
             FmiType::Binary if !options.has("mime_type") => "application/octet-stream".into(),
             _ => text("mime_type"),
@@ -114,6 +122,7 @@ impl Field {
             #krate::TableRow::Variable(#krate::Declaration {
                 name: #name,
                 description: #description,
+                history: #history,
                 offset: #offset,
                 causality: #krate::Causality::#causality,
                 variability: #krate::Variability::#variability,

@@ -202,7 +202,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let (generics, arguments, condition) = input.generics.split_for_impl();
     quote! {
         #[automatically_derived]
-        #[allow(clippy::all, clippy::pedantic, unused_variables)]
+        #[allow(clippy::all, clippy::pedantic, deprecated, unused_variables)]
         // SAFETY: the compiler provides the offsets, and checks the start values against the types.
         unsafe impl #generics #krate::Variables for #ident #arguments #condition {
             const ROWS: &'static [#krate::TableRow] = &[#(#rows),*];
@@ -253,7 +253,10 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
 /// the variables exist to which `size` and `derivative_by` refer.
 fn check_names(fields: &[Field]) -> Result<()> {
     let mut names = HashSet::new();
-    for Field { name, .. } in fields.iter().filter(|field| field.is_variable()) {
+    let variables = fields.iter().filter(|field| field.is_variable());
+    for name in
+        variables.flat_map(|field| [&field.name].into_iter().chain(field.options.names("alias")))
+    {
         if !names.insert(name.value()) {
             return error(name, format!("two variables have the name {:?}", name.value()));
         }

@@ -23,10 +23,9 @@ impl Declarations {
         let text = Archive::open_sound(path)?.model_description()?;
         let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
         let model = ModelDescription::read(&root)?;
-        let named = model.variables().flat_map(|(_, v)| {
-            let names = [v.name.as_str()].into_iter().chain(v.aliases());
-            names.map(|name| (name.to_owned(), v.unit.clone()))
-        });
+        let named = model
+            .variables()
+            .flat_map(|(_, v)| v.names().map(|name| (name.to_owned(), v.unit.clone())));
         Ok(Self {
             experiment: ["startTime", "stopTime", "stepSize"].map(|name| model.experiment(name)),
             variables: named.collect(),

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use fmu_description::hash::checksum;
 use fmu_description::interface::{guid, size, variant, write};
-use fmu_description::table::{Bounds, Declaration, TypedStart};
+use fmu_description::table::{Bounds, Declaration, History, TypedStart};
 use fmu_description::xml::parse;
 use fmu_description::{
     Causality, DeclaredType, Dynamics, ExportInfo, ExportedModel, FmiVersion, Initial, Interface,
@@ -17,7 +17,7 @@ use fmu_description::{
     read_interfaces,
 };
 use fmu_export::prelude::*;
-use models::{Fan, Gauges, Lists, Reservoir, Sizes, Spring};
+use models::{Fan, Gauges, Lists, Renamed, Reservoir, Sizes, Spring};
 use proptest::prelude::*;
 
 /// Defines the interface and the copy of a model or a variant of it.
@@ -40,6 +40,7 @@ interfaces! {
     LISTS LISTS_COPY: Lists, None;
     GAUGES GAUGES_COPY: Gauges, None;
     FAN FAN_COPY: Fan, None;
+    RENAMED RENAMED_COPY: Renamed, None;
     LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:1:3");
 }
 
@@ -152,6 +153,75 @@ fn values_are_displayed_in_the_unit_of_choice() {
     assert_eq!(error, "\"Hz\" cannot display a value in \"rad/s\"");
 }
 
+/// The variables of FMI 2.0 in a line each: position and value reference, name, causality, initial, start and
+/// description.
+#[test]
+fn in_fmi_2_hosts_can_set_a_variable_by_its_former_name_alone() {
+    let document = xml(&description(&RENAMED_COPY), FmiVersion::Fmi2);
+    let root = parse(&document).unwrap();
+    let model = ModelDescription::read(&root).unwrap();
+    let lines = model.variables().map(|(index, v)| {
+        let start = v.start().map(|start| format!("={start}")).unwrap_or_default();
+        let initial = v.initial.map(Initial::as_str).unwrap_or_default();
+        let causality = v.causality.as_str();
+        format!(
+            "{index} {} {}{start} {causality} {initial}: {}",
+            v.reference, v.name, v.description
+        )
+    });
+    let expected = [
+        "1 0 u=1 input : force (former name of force)",
+        "2 1 mass.s=0.5 output exact: position (former name of mass.x)",
+        "3 2 der(mass.x) local calculated: Derivative of x",
+        "4 3 power output calculated: power",
+        "5 4 k[1]=2 parameter exact: gains (former name of gains[1])",
+        "6 5 k[2]=3 parameter exact: gains (former name of gains[2])",
+        "7 6 gears=4 parameter exact: number of gears (deprecated: use gains)",
+        "8 7 poles=2 local exact: number of poles (deprecated: it is always 2)",
+        "9 0 force local calculated: force (set as u)",
+        "10 1 mass.x output calculated: position",
+        "11 2 der(mass.s) local calculated: Derivative of x (former name of der(mass.x))",
+        "12 3 p_out output calculated: power (former name of power)",
+        "13 3 P output calculated: power (former name of power)",
+        "14 4 gains[1] calculatedParameter calculated: gains (set as k[1])",
+        "15 5 gains[2] calculatedParameter calculated: gains (set as k[2])",
+        "16 7 p=2 local exact: number of poles (deprecated: it is always 2) (former name of poles)",
+    ];
+    assert_eq!(Vec::from_iter(lines), expected);
+    let unknowns = |list: &[fmu_description::Unknown<'_>]| {
+        let text = |name| {
+            move |u: &fmu_description::Unknown<'_>| u.element.attribute(name).map(str::to_owned)
+        };
+        let all = list.iter().map(|u| (u.number, text("dependencies")(u).unwrap_or_default()));
+        Vec::from_iter(all.map(|(number, on)| format!("{number} on {on}")))
+    };
+    // A state depends on itself, and its initial value on what the host sets, which is in the variable with its start.
+    assert_eq!(
+        unknowns(&model.outputs),
+        ["2 on 2", "4 on 1 2", "10 on 2", "12 on 1 2", "13 on 1 2"]
+    );
+    assert_eq!(unknowns(&model.derivatives), ["3 on 2"]);
+    assert_eq!(
+        unknowns(&model.initial_unknowns),
+        ["3 on 1 2 5 6 7", "4 on 1 2 5 6 7", "10 on 2", "12 on 1 2 5 6 7", "13 on 1 2 5 6 7"]
+    );
+}
+
+#[test]
+fn in_fmi_3_a_former_name_is_an_alias() {
+    let document = xml(&description(&RENAMED_COPY), FmiVersion::Fmi3);
+    for expected in [
+        "<Alias name=\"u\" description=\"Former name of force\"/>",
+        "<Alias name=\"mass.s\" description=\"Former name of mass.x\"/>",
+        "<Alias name=\"der(mass.s)\" description=\"Former name of der(mass.x)\"/>",
+        "<Alias name=\"P\" description=\"Former name of power\"/>",
+        "<Alias name=\"k\" description=\"Former name of gains\"/>",
+        "description=\"number of poles (deprecated: it is always 2)\"",
+    ] {
+        assert!(document.contains(expected), "{expected}");
+    }
+}
+
 /// The valid variables of a document, without their elements.
 fn read(document: &str) -> Vec<Variable> {
     let root = parse(document).unwrap();
@@ -162,7 +232,7 @@ fn read(document: &str) -> Vec<Variable> {
 
 #[test]
 fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
-    for copy in [&TANK_COPY[..], &SPRING_COPY, &OTHER_COPY, &LISTS_COPY, &FAN_COPY] {
+    for copy in [&TANK_COPY[..], &SPRING_COPY, &OTHER_COPY, &LISTS_COPY, &FAN_COPY, &RENAMED_COPY] {
         let model = description(copy);
         let variables = model.variables.iter().map(|v| {
             let mut expected = v.clone();
@@ -261,6 +331,9 @@ fn start_values_survive_the_way_through_the_compiler() {
     assert_eq!((plain.name, guid(&plain)), ("Sizes", guid(&SIZES)));
 }
 
+const DEPRECATED: Option<&History> = Some(&History { aliases: &[], deprecated: "use other" });
+const RENAMED_ONCE: Option<&History> = Some(&History { aliases: &["inflow_1"], deprecated: "" });
+
 #[test]
 fn the_guid_changes_with_the_interface_only() {
     // The GUID of a model with one variable after a change.
@@ -279,6 +352,7 @@ fn the_guid_changes_with_the_interface_only() {
     assert_eq!(changed(|field, _| field.terminal = "another.one"), plain);
     assert_eq!(changed(|field, _| field.nominal = 2.0), plain);
     assert_eq!(changed(|field, _| field.display_unit = "l/min"), plain);
+    assert_eq!(changed(|field, _| field.history = DEPRECATED), plain);
     // Equations count with their states, derivatives and event indicators.
     assert_eq!(changed(|_, interface| interface.is_continuous = true), plain);
     let mut guids = vec![plain];
@@ -287,6 +361,7 @@ fn the_guid_changes_with_the_interface_only() {
         |_, interface| interface.name = "Other",
         |_, interface| interface.scalars = &[],
         |field, _| field.name = "other",
+        |field, _| field.history = RENAMED_ONCE,
         |field, _| field.causality = Causality::Local,
         |field, _| field.variability = Variability::Discrete,
         |field, _| field.dimensions = &[1],

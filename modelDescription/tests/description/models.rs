@@ -238,3 +238,42 @@ pub struct Fan {
     #[output(unit = "rad", display = "rad")]
     angle: f64,
 }
+
+/// A model whose variables have other names than before
+#[derive(Model)]
+#[model(continuous)]
+pub struct Renamed {
+    /// force
+    #[input(unit = "N", alias = "u", start = 1)]
+    force: f64,
+    #[nested]
+    mass: RenamedMass,
+    /// power
+    #[output(unit = "W", alias("p_out", "P"))]
+    power: f64,
+    /// gains
+    #[parameter(tunable, alias = "k", start = [2, 3])]
+    gains: [f64; 2],
+    /// number of gears
+    #[parameter(start = 4, deprecated = "use gains")]
+    gears: i32,
+    /// number of poles
+    #[constant(start = 2, alias = "p")]
+    #[deprecated(since = "2.0", note = "it is always 2")]
+    poles: i32,
+}
+
+#[derive(Variables)]
+pub struct RenamedMass {
+    /// position
+    #[output(state, unit = "m", start = 0.5, alias = "s")]
+    x: f64,
+    #[derivative(of = x, unit = "m/s", derivative_by(x = -1.0))]
+    der_x: f64,
+}
+
+impl Continuous for Renamed {
+    fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+}

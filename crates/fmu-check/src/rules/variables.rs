@@ -51,8 +51,7 @@ impl Check<'_> {
         let structured = convention == Some("structured");
         let mut names = HashSet::new();
         for (_, variable) in self.model.variables() {
-            let own = [variable.name.as_str()].into_iter();
-            for name in own.chain(variable.aliases()) {
+            for name in variable.names() {
                 require!(self, "variable-unique" at variable, names.insert(name),
                     "two variables have the name {}, expected each once", quote(name));
                 let is_given = !name.trim().is_empty();

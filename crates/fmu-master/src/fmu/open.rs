@@ -64,7 +64,7 @@ impl Fmu {
         let mut index = HashMap::with_capacity(count);
         let mut arrays = HashMap::new();
         for (_, v) in model.variables() {
-            for name in [v.name.as_str()].into_iter().chain(v.aliases()) {
+            for name in v.names() {
                 let names = (0..v.element_count()).map(|element| v.element_name(name, element));
                 index.extend(names.zip(scalars.len()..));
                 if !v.dimensions.is_empty() && v.element_count() > 0 {

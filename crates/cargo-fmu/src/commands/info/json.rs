@@ -97,7 +97,7 @@ fn described(variable: &XmlVariable<'_>) -> Value {
         "max": variable.max.as_ref().map(value),
         "nominal": variable.inherited("nominal").and_then(real),
         "dimensions": variable.dimensions,
-        "aliases": Vec::from_iter(variable.aliases()),
+        "aliases": variable.aliases,
     })
 }
 
