@@ -55,7 +55,12 @@ impl Experiment {
     pub(crate) fn note(&self) -> Result<Option<Note>> {
         let (last, stop) = (self.last()?, self.stop);
         let is_short = stop - last > 1e-3 * self.step;
-        Ok(is_short.then_some(Note::EndsBeforeStop { last, stop }))
+        Ok(is_short.then(|| Note::EndsBeforeStop { last: Self::rounded(last), stop }))
+    }
+
+    /// A time (s) for people, without the many nines or zeros with which the sum or difference of two times may end.
+    pub fn rounded(time: f64) -> f64 {
+        (time * 1e9).round() / 1e9
     }
 
     /// The communication point of step `k`, computed directly so that rounding errors do not add up.

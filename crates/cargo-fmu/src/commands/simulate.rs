@@ -198,7 +198,7 @@ fn warn(messages: &[Message]) {
 fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
     let (ready, completed) = (&finished.ready, &finished.completed);
     let (columns, time) = (&ready.columns, completed.last.time);
-    let last = format!("at t = {time} s");
+    let last = format!("at t = {} s", Experiment::rounded(time));
     let titles = ["output", "minimum", "maximum", "RMS", &last, "unit"];
     let mut cells = vec![titles.map(str::to_owned)];
     let rows = columns.iter().zip(completed.last.values(columns));
@@ -231,13 +231,10 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
     for line in ready.notes.iter().map(ui::note).chain(completed.ended.clone()) {
         writeln!(out, "{line}")?;
     }
-    let end = if completed.ended.is_some() { time } else { ready.end };
-    let simulated = end - ready.experiment.start;
+    let simulated = time - ready.experiment.start;
     let seconds = completed.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
-    // Rounded, as the difference of two times may end with many nines.
-    let simulated = (simulated * 1e9).round() / 1e9;
-    writeln!(out, "{simulated} s in {milliseconds:.3} ms: {speed}")?;
+    writeln!(out, "{} s in {milliseconds:.3} ms: {speed}", Experiment::rounded(simulated))?;
     Ok(())
 }
 

@@ -32,8 +32,6 @@ pub struct Ready {
     pub components: Vec<(String, String)>,
     /// The times of the run.
     pub experiment: Experiment,
-    /// The end of the last step (s).
-    pub end: f64,
     /// The recorded variables.
     pub columns: Vec<Column>,
     /// Choices of the master that the user may want to override.

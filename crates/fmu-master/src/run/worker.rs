@@ -35,7 +35,6 @@ pub fn serve<P: Borrow<Plan>>(
     service.reply(&Report::Ready(Ready {
         components: plan.names(),
         experiment: plan.experiment,
-        end: plan.experiment.last()? + plan.end() - plan.experiment.stop,
         columns: plan.columns.clone(),
         notes: plan.notes.clone(),
     }));
