@@ -689,6 +689,7 @@ def test_info_as_json_has_what_fmpy_reads(tmp_path: Path, fmus: Path) -> None:
     variables = {variable["name"]: variable for variable in full["variables"]}
     assert variables["v"]["start"] == [1, 2, 3, 4, 5, 6]
     assert full["interfaces"]["CoSimulation"]["hasEventMode"] is True
+    assert all_shown[0]["modelDescription"]["numberOfEventIndicators"] == 0
     assert "ScheduledExecution" in full["interfaces"]
     assert full["enumerations"] == {"Way": {"left": 1, "right": 2}}
     assert full["terminals"][0]["matchingRule"] == "plug"

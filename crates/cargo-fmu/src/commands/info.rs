@@ -14,6 +14,7 @@ use fmu_file::archive::{Archive, DOCUMENTATION, ICON, ICON_3, MODEL_DESCRIPTION,
 use fmu_file::platform;
 use fmu_file::text::{about, plain};
 
+use super::files;
 use crate::ui::{self, lines};
 
 /// Maximum width of a cell.
@@ -71,7 +72,8 @@ pub struct InfoArgs {
     /// The FMUs, from any vendor
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
-    /// Print a JSON object, of several FMUs an array
+    /// Print a JSON object, of several FMUs an array. Numbers that JSON does not have are the strings "inf", "-inf" and
+    /// "NaN"
     #[arg(long)]
     pub json: bool,
 }
@@ -79,13 +81,14 @@ pub struct InfoArgs {
 /// Prints the contents of FMUs.
 ///
 /// # Errors
-/// A file is not a valid FMU, or `out` cannot be written.
+/// No file matches a pattern, a file is not a valid FMU, or `out` cannot be written.
 pub fn run(args: &InfoArgs, out: &mut impl Write) -> Result<()> {
+    let files = files::expanded(&args.files)?;
     if args.json {
-        return json::print(&args.files, out);
+        return json::print(&files, out);
     }
-    for (index, file) in args.files.iter().enumerate() {
-        if args.files.len() > 1 {
+    for (index, file) in files.iter().enumerate() {
+        if files.len() > 1 {
             let gap = if index > 0 { "\n" } else { "" };
             writeln!(out, "{gap}{}:", file.display())?;
         }

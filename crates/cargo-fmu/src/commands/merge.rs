@@ -9,7 +9,7 @@ use fmu_file::merge::merge;
 use fmu_master::is_fmu;
 
 use super::export::print_fmu;
-
+use super::files;
 use crate::ui;
 
 /// What to merge.
@@ -32,9 +32,9 @@ fn fmu(file: &str) -> Result<PathBuf, &'static str> {
 /// Merges the FMUs and prints what was written.
 ///
 /// # Errors
-/// See [`merge`].
+/// No file matches a pattern; see [`merge`].
 pub fn run(args: &MergeArgs, out: &mut impl Write) -> Result<()> {
-    let merged = merge(&args.files, &args.out)?;
+    let merged = merge(&files::expanded(&args.files)?, &args.out)?;
     for note in &merged.notes {
         ui::message(format_args!("note: {note}"));
     }

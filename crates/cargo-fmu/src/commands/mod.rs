@@ -3,6 +3,7 @@
 pub mod compare;
 pub mod completions;
 pub mod export;
+mod files;
 pub mod info;
 mod limits;
 pub mod merge;

@@ -10,6 +10,7 @@ use fmu_file::replace;
 use fmu_master::Description;
 use fmu_master::ssp::Package;
 
+use super::files;
 use crate::ui;
 
 /// The systems to package, and the output folder.
@@ -29,13 +30,14 @@ pub struct SspArgs {
 /// Writes the packages, after all systems have been checked.
 ///
 /// # Errors
-/// A system is invalid, as `simulate` reports it, or the folder is not writable.
+/// No file matches a pattern, a system is invalid, as `simulate` reports it, or the folder is not writable.
 pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
+    let systems = files::expanded(&args.systems)?;
     fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot create the folder {}", args.out.display()))?;
     replace::check_writable(&args.out)?;
     let mut packages: Vec<Package> = Vec::new();
-    for system in &args.systems {
+    for system in &systems {
         let mut description = Description::read(system)?;
         if let Some(folder) = &args.fmus {
             description.take_fmus_from(folder);

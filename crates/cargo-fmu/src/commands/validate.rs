@@ -8,6 +8,7 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use fmu_check::{Findings, Probes, Severity, format};
 
+use super::files;
 use crate::session;
 use crate::ui::{self, ERROR, OK, WARNING};
 
@@ -54,7 +55,7 @@ enum Format {
 /// Checks the files and prints the findings; returns whether there are no errors.
 ///
 /// # Errors
-/// `out` cannot be written.
+/// No file matches a pattern, or `out` cannot be written.
 pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
     let probes = match args.no_run {
         true => None,
@@ -71,7 +72,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
         }
     };
     let (mut is_valid, mut checked) = (true, Vec::new());
-    for file in &args.files {
+    for file in &files::expanded(&args.files)? {
         let mut findings = Findings::keeping(if args.all { Findings::ALL } else { Findings::FEW });
         let deadline = Instant::now() + Duration::from_secs(args.total_time.into());
         fmu_check::check(file, probes.as_ref(), deadline, &mut findings);

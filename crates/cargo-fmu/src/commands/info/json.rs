@@ -1,10 +1,11 @@
-//! The contents of FMUs as JSON, with the names of the standard.
+//! The contents of FMUs as JSON, with the names of the standard. Numbers are numbers with all their digits; those that
+//! JSON does not have are the texts "inf", "-inf" and "NaN".
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use fmu_description::value::real;
+use fmu_description::value::{real, whole};
 use fmu_description::xml::{self, Element};
 use fmu_description::{ModelDescription, Value as Start, XmlVariable};
 use fmu_file::archive::{Archive, TERMINALS};
@@ -35,14 +36,13 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
             object.insert(flag.into(), element.is_true(flag).into());
         }
         for name in numbers.split_whitespace() {
-            if let Some(number) = element.attribute(name).and_then(real) {
-                object.insert(name.into(), json!(number));
-            }
+            numeric(&mut object, name);
         }
         Some(((*name).to_owned(), object.into()))
     });
     let experiment = ["startTime", "stopTime", "stepSize", "tolerance"];
-    let experiment = experiment.map(|name| (name.to_owned(), json!(model.experiment(name))));
+    let experiment =
+        experiment.map(|name| (name.to_owned(), model.experiment(name).map(number).into()));
     let enumerations = model.enumerations().map(|of_type| {
         let items = of_type.items.iter().map(|item| (item.name.clone(), item.value.into()));
         (of_type.name, Value::Object(items.collect()))
@@ -53,13 +53,15 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
     let terminals = xml::parse(&terminals).ok();
     let terminals = terminals.as_ref().and_then(|root| root.child("Terminals")).map(within);
     let [platforms, documents, resources] = contents(archive);
+    let mut description = attributes(model.root);
+    numeric(&mut description, "numberOfEventIndicators");
     json!({
         "file": file.to_string_lossy(),
         "size": archive.size,
         "platforms": platforms,
         "documents": documents,
         "resources": resources,
-        "modelDescription": attributes(model.root),
+        "modelDescription": description,
         "defaultExperiment": Map::from_iter(experiment),
         "interfaces": Map::from_iter(interfaces),
         "variables": Vec::from_iter(variables),
@@ -95,13 +97,28 @@ fn described(variable: &XmlVariable<'_>) -> Value {
         "start": start,
         "min": variable.min.as_ref().map(value),
         "max": variable.max.as_ref().map(value),
-        "nominal": variable.inherited("nominal").and_then(real),
+        "nominal": variable.inherited("nominal").and_then(real).map(number),
         "dimensions": variable.dimensions,
         "aliases": variable.aliases,
     })
 }
 
+/// Replaces the text of an attribute by its number.
+fn numeric(attributes: &mut Map<String, Value>, name: &str) {
+    if let Some(attribute) = attributes.get_mut(name)
+        && let Some(text) = attribute.as_str()
+    {
+        let parsed = whole::<u64>(text).map(Value::from).or_else(|| real(text).map(number));
+        *attribute = parsed.unwrap_or_else(|| attribute.take());
+    }
+}
+
 /// A number that JSON does not have is a text.
+fn number(number: f64) -> Value {
+    value(&Start::Float64(number))
+}
+
+/// As [`number`].
 pub fn value(value: &Start) -> Value {
     match (value, value.as_whole(), value.as_real()) {
         (Start::Boolean(value), ..) => json!(value),
@@ -126,4 +143,25 @@ fn within(parent: &Element<'_>) -> Value {
         Value::Object(object)
     });
     Value::Array(Vec::from_iter(terminals))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_their_digits_and_those_that_json_lacks_are_texts() {
+        let largest = [Start::UInt64(u64::MAX), Start::Int64(i64::MIN), Start::Enumeration(3)];
+        let shown = largest.map(|start| value(&start).to_string());
+        assert_eq!(shown, ["18446744073709551615", "-9223372036854775808", "3"]);
+        let reals = [0.1 + 0.2, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
+        let shown = reals.map(|real| number(real).to_string());
+        assert_eq!(shown, ["0.30000000000000004", "\"inf\"", "\"-inf\"", "\"NaN\""]);
+        let mut attributes = Map::new();
+        for (text, shown) in [("2", "2"), ("1e-3", "0.001"), ("INF", "\"inf\""), ("x", "\"x\"")] {
+            attributes.insert("a".into(), text.into());
+            numeric(&mut attributes, "a");
+            assert_eq!(attributes["a"].to_string(), shown);
+        }
+    }
 }
