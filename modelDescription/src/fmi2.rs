@@ -143,7 +143,7 @@ pub(crate) fn interfaces(
     };
     let common = |interface: Element<'static>| {
         interface
-            .with("canBeInstantiatedOnlyOncePerProcess", false)
+            .with("canBeInstantiatedOnlyOncePerProcess", model.is_single_instance)
             .with("canNotUseMemoryManagementFunctions", true)
             .with("canGetAndSetFMUstate", !model.is_unsaved)
             .with("canSerializeFMUstate", !model.is_unsaved)

@@ -49,7 +49,7 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
         Element::new(name)
             .with("modelIdentifier", &model.name)
             .with("needsExecutionTool", false)
-            .with("canBeInstantiatedOnlyOncePerProcess", false)
+            .with("canBeInstantiatedOnlyOncePerProcess", model.is_single_instance)
             .with("canGetAndSetFMUState", !model.is_unsaved)
             .with("canSerializeFMUState", !model.is_unsaved)
             .with("providesDirectionalDerivatives", has_derivatives)

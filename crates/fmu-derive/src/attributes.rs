@@ -84,6 +84,7 @@ pub const MODEL: (&str, &[KnownOption]) = (
         ("name", text),
         ("sample_time", expression),
         ("continuous", flag),
+        ("single_instance", flag),
         ("step", expression),
         ("stop_time", expression),
         ("step_size", expression),

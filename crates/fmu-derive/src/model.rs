@@ -123,6 +123,15 @@ fn model(
             }
         },
     };
+    let is_single_instance = options.has("single_instance");
+    let single_instance = is_single_instance.then(|| {
+        quote! {
+            fn single_instance() -> ::core::option::Option<&'static #krate::SingleInstance> {
+                static SINGLE: #krate::SingleInstance = #krate::SingleInstance::new();
+                ::core::option::Option::Some(&SINGLE)
+            }
+        }
+    });
     let has_log = log.is_some();
     let log = log.map(|Field { ident, .. }| {
         let log = respan(ident.span(), quote!(&mut self.#ident));
@@ -156,6 +165,7 @@ fn model(
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
             const TOLERANCE: f64 = #tolerance;
             const HAS_LOG: bool = #has_log;
+            const IS_SINGLE_INSTANCE: bool = #is_single_instance;
         }
 
         #[allow(unused_variables)]
@@ -168,6 +178,7 @@ fn model(
             fn on_step(&mut self, time: f64, step: f64) -> #result { #step }
             #more
             #log
+            #single_instance
         }
     }
 }

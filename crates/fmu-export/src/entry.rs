@@ -23,7 +23,7 @@ pub struct Entry {
     guid: Guid,
     /// Whether the host may integrate the model, which therefore has events.
     is_for_model_exchange: bool,
-    create: fn(Settings, (&'static Guid, Option<VariantStarts>)) -> Pointer,
+    create: fn(Settings, (&'static Guid, Option<VariantStarts>)) -> Option<Pointer>,
     #[cfg(target_arch = "wasm32")]
     pub(crate) needs: crate::needs::Needs,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
@@ -49,7 +49,8 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         is_sampled: M::IS_SAMPLED,
         is_continuous: M::IS_CONTINUOUS,
         has_log: M::HAS_LOG,
-        is_unsaved: M::IS_UNSAVED,
+        is_unsaved: M::IS_UNSAVED || M::IS_SINGLE_INSTANCE,
+        is_single_instance: M::IS_SINGLE_INSTANCE,
         default_experiment: M::DEFAULT_EXPERIMENT,
         tolerance: M::TOLERANCE,
         scalars,
@@ -105,8 +106,18 @@ impl Entry {
     }
 
     /// Creates an instance, to be freed with [`fast::free`].
-    pub(crate) fn create(&'static self, settings: Settings) -> Pointer {
-        (self.create)(settings, (&self.guid, self.variant))
+    ///
+    /// # Errors
+    /// The process has an instance, and can have one only.
+    pub(crate) fn create(&'static self, settings: Settings) -> Result<Pointer, String> {
+        let created = (self.create)(settings, (&self.guid, self.variant));
+        created.ok_or_else(|| {
+            format!(
+                "this process has an instance of {} already, and can have one only: \
+                 canBeInstantiatedOnlyOncePerProcess is true; free it first, or use another process",
+                self.name
+            )
+        })
     }
 
     /// Finds the model that a host instantiates.

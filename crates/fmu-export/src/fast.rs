@@ -92,13 +92,16 @@ pub(crate) unsafe fn free(pointer: Pointer) {
     }
 }
 
-/// Creates an instance of the model `M` with `N` scalar variables.
+/// Creates an instance of the model `M` with `N` scalar variables; `None` if the process can have one only, and has it.
 pub(crate) fn create<M: Model, const N: usize>(
-    settings: Settings,
+    mut settings: Settings,
     (guid, variant): (&'static Guid, Option<VariantStarts>),
-) -> Pointer {
+) -> Option<Pointer> {
+    if let Some(single) = M::single_instance() {
+        settings.place = Some(Box::new(single.take()?));
+    }
     let model = LaidOut::<M, N>::new(variant);
-    Box::into_raw(HostedInstance::new(settings, (guid, variant), model)).cast()
+    Some(Box::into_raw(HostedInstance::new(settings, (guid, variant), model)).cast())
 }
 
 impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
@@ -147,7 +150,11 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
     /// As for all functions of [`Vtable`], and the pointer is not used again.
     unsafe fn free(pointer: Pointer) {
         // SAFETY: `create` made the pointer from a box.
-        drop(unsafe { Box::from_raw(pointer.cast::<Self>()) });
+        let mut hosted = unsafe { Box::from_raw(pointer.cast::<Self>()) };
+        let place = hosted.instance.shared.settings.place.take();
+        // The next instance may be created when the model is dropped.
+        drop(hosted);
+        drop(place);
     }
 }
 

@@ -54,6 +54,9 @@ pub(crate) struct Settings {
     pub(crate) intermediate_update: Option<Rc<dyn Fn(IntermediateUpdate) -> Option<f64>>>,
     /// The variables that the host may access in an intermediate update.
     pub(crate) intermediate_variables: Vec<u32>,
+    /// The [`Place`](crate::single_instance::Place) of the only instance in the process, which is given back when it is
+    /// freed. Only the binaries of such models need to know its type.
+    pub(crate) place: Option<Box<dyn Any>>,
 }
 
 impl Settings {
@@ -66,6 +69,7 @@ impl Settings {
             early_return_allowed: false,
             intermediate_update: None,
             intermediate_variables: Vec::new(),
+            place: None,
         }
     }
 

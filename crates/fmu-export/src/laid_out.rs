@@ -42,7 +42,11 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         has_structural_parameters: Self::TABLES.has_structural_parameters,
         has_tunable_structural_parameters: Self::TABLES.has_tunable_structural_parameters,
         has_log: M::HAS_LOG,
-        is_unsaved: M::IS_UNSAVED,
+        why_unsaved: match (M::IS_SINGLE_INSTANCE, M::IS_UNSAVED) {
+            (true, _) => Some("state outside its fields (single_instance)"),
+            (_, true) => Some("fields"),
+            _ => None,
+        },
         state_format: snapshot::format(M::STATE_LAYOUT),
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;

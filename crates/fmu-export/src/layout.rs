@@ -257,8 +257,8 @@ pub(crate) struct ModelInfo {
     pub(crate) tolerance: f64,
     pub(crate) has_directional_derivatives: bool,
     pub(crate) has_log: bool,
-    /// Whether its state cannot be saved.
-    pub(crate) is_unsaved: bool,
+    /// What cannot be saved, if the state of the model cannot.
+    pub(crate) why_unsaved: Option<&'static str>,
     /// The format of its serialized states.
     pub(crate) state_format: u32,
     pub(crate) has_structural_parameters: bool,

@@ -94,6 +94,7 @@ mod model;
 mod needs;
 mod pointers;
 mod resources;
+mod single_instance;
 mod snapshot;
 mod state_layout;
 mod step;
@@ -131,6 +132,8 @@ pub use no_functions as functions_of_fmi2;
 #[doc(hidden)]
 #[cfg(all(feature = "fmi2", not(feature = "fmi3")))]
 pub use no_functions as functions_of_fmi3;
+#[doc(hidden)]
+pub use single_instance::SingleInstance;
 
 /// What a model needs: `use fmu_export::prelude::*;`.
 pub mod prelude {

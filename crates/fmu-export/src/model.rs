@@ -11,6 +11,7 @@ use crate::error::ModelError;
 use crate::layout::set_start_values;
 use crate::log::Log;
 use crate::resources::Folder;
+use crate::single_instance::SingleInstance;
 
 /// A model: a struct with variables, a name and a description, implemented by `#[derive(Model)]`.
 #[diagnostic::on_unimplemented(
@@ -28,6 +29,8 @@ pub trait Model: Variables + Behavior {
     const IS_CONTINUOUS: bool = false;
     /// Whether its equations are integrated in co-simulation: it has no step of its own.
     const IS_INTEGRATED: bool = false;
+    /// Whether a process can have one instance only.
+    const IS_SINGLE_INSTANCE: bool = false;
     /// Whether it has a [`Log`].
     const HAS_LOG: bool = false;
     /// Stop time and communication step size (s) of the default experiment.
@@ -73,6 +76,14 @@ pub trait Behavior: Any {
     }
 
     fn log(&mut self) -> Option<&mut Log> {
+        None
+    }
+
+    /// The place of the only instance that a process can have; `None` if it can have several.
+    fn single_instance() -> Option<&'static SingleInstance>
+    where
+        Self: Sized,
+    {
         None
     }
 }

@@ -45,11 +45,12 @@ impl Instance {
     }
 
     fn check_saved(&self) -> Result<(), ModelError> {
-        ensure!(
-            !self.model.info().is_unsaved,
-            "the model has fields that cannot be saved: canGetAndSetFMUState is false"
-        );
-        Ok(())
+        match self.model.info().why_unsaved {
+            Some(why) => Err(ModelError::refuse(format_args!(
+                "the model has {why} that cannot be saved: canGetAndSetFMUState is false"
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// Restores a snapshot of this or another instance of the model.

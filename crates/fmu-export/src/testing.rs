@@ -22,6 +22,7 @@ use crate::laid_out::LaidOut;
 use crate::log::Log;
 use crate::model::Model;
 use crate::pointers::Pointer;
+use crate::single_instance::Place;
 use crate::values::HostValue;
 
 static EDGE: Edge = Edge {
@@ -94,6 +95,8 @@ pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
 /// ```
 pub struct Driver<M> {
     hosted: Box<HostedInstance>,
+    /// Given back when the model is dropped.
+    _place: Option<Place>,
     log: Rc<RefCell<Vec<Message>>>,
     /// The next communication point is `origin` and `count` times `size` (s).
     origin: f64,
@@ -120,12 +123,22 @@ impl<M: Drive> Default for Driver<M> {
 impl<M: Drive> Driver<M> {
     /// An instance with the start values.
     pub fn new() -> Self {
-        Self::of(M::new())
+        let place = Self::wait_for_place();
+        Self::at(place, M::new())
     }
 
     /// An instance with the parameters and inputs of a model; all other fields get their values in the
     /// initialization.
     pub fn of(model: M) -> Self {
+        Self::at(Self::wait_for_place(), model)
+    }
+
+    /// The place of the only instance, if the process can have one only: tests run on several threads.
+    fn wait_for_place() -> Option<Place> {
+        M::single_instance().map(|single| single.wait_for(M::NAME))
+    }
+
+    fn at(place: Option<Place>, model: M) -> Self {
         let DrivenInstance(mut hosted) = M::INSTANCE(model);
         let log = Rc::<RefCell<Vec<Message>>>::default();
         let messages = Rc::clone(&log);
@@ -139,7 +152,8 @@ impl<M: Drive> Driver<M> {
         let instance = &mut hosted.instance;
         instance.shared.settings.log = Log::new(Some(Box::new(sink)), true);
         instance.model.connect_log(&instance.shared.settings.log);
-        Self { hosted, log, origin: 0.0, count: 0.0, size: 0.0, _model: std::marker::PhantomData }
+        let (origin, count, size, model) = (0.0, 0.0, 0.0, std::marker::PhantomData);
+        Self { hosted, _place: place, log, origin, count, size, _model: model }
     }
 
     /// The same with the folder in which the model finds its resources.

@@ -6,7 +6,7 @@ use fmu_description::interface::{GUID_LENGTH, size, write};
 use fmu_export::prelude::*;
 
 /// The version of the format, and a hash of a copy in it.
-const FORMAT: (u32, u128) = (9, 0x422f1a369638ffcee76444bc7d5f8101);
+const FORMAT: (u32, u128) = (9, 0x1c032ff73c544e55ef881a42396bf290);
 
 /// A model with everything that a copy can have; it never changes.
 #[derive(Model)]
@@ -34,7 +34,7 @@ struct Everything {
     #[constant(start = [[1, -2], [300, 4]])]
     matrix: [[i16; 2]; 2],
     /// text of any length
-    #[parameter(start = "text", alias("words", "of.text"), deprecated = "use bytes")]
+    #[parameter(start = "text")]
     text: String,
     /// bytes
     #[parameter(start = b"\x01\x02", mime_type = "image/png")]

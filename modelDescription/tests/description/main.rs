@@ -113,6 +113,19 @@ fn the_xml_of_each_version_has_all_that_the_struct_says() {
 }
 
 #[test]
+fn every_kind_of_instance_is_the_only_one_in_its_process() {
+    let tank = ExportedModel { is_single_instance: true, ..description(&TANK_COPY) };
+    for version in FmiVersion::ALL {
+        let document = xml(&tank, version);
+        let root = parse(&document).unwrap();
+        for kind in ["ModelExchange", "CoSimulation"] {
+            let element = root.child(kind).unwrap();
+            assert_eq!(element.attribute("canBeInstantiatedOnlyOncePerProcess"), Some("true"));
+        }
+    }
+}
+
+#[test]
 fn values_are_displayed_in_the_unit_of_choice() {
     let fan = description(&FAN_COPY);
     for version in FmiVersion::ALL {

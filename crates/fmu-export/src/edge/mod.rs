@@ -139,16 +139,13 @@ fn instantiate(
     let made = catch_unwind(AssertUnwindSafe(|| {
         let version = settings.edge.version;
         let chosen = instance_type.and_then(|instance_type| {
-            Ok((instance_type, Entry::choose(models, name, instance_type, guid, version)?))
+            let entry = Entry::choose(models, name, instance_type, guid, version)?;
+            entry.create(Settings { instance_type, ..settings })
         });
-        match chosen {
-            Ok((instance_type, entry)) => entry.create(Settings { instance_type, ..settings }),
-            Err(reason) => {
-                let message = format_args!("{function}: {reason}");
-                settings.log.send(LogCategory::Error, message);
-                std::ptr::null_mut()
-            }
-        }
+        chosen.unwrap_or_else(|reason| {
+            log.send(LogCategory::Error, format_args!("{function}: {reason}"));
+            std::ptr::null_mut()
+        })
     }));
     made.unwrap_or_else(|panic| {
         log.send_panic(function, "the model panicked", panic);

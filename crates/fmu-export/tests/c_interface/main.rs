@@ -18,6 +18,7 @@ mod models;
 mod ramps;
 mod samples;
 mod saved;
+mod single_instance;
 mod standard;
 mod states;
 mod steps;
