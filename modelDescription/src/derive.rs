@@ -4,11 +4,12 @@ pub use crate::Interface;
 pub use crate::checks::{check_bounds, check_start, exists, number, positive, unique};
 use crate::hash::Hash;
 use crate::scalar::scalar_count;
+pub use crate::state::{StateError, StateReader, StateWriter};
 use crate::table::AnyChoice;
 pub use crate::table::{
     Bounds, Declaration, Dynamics, Enumeration, History, Item, TableRow, TypedStart,
 };
-pub use crate::variables::{Choice, Internal, StateError, StateReader, StateWriter, Variables};
+pub use crate::variables::{Choice, Internal, Variables};
 pub use crate::vocabulary::{Causality, Variability};
 
 /// The elements of an array that are in use.

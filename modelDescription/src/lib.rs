@@ -6,11 +6,14 @@
 //! it is the GUID, and a copy of it in the binary becomes the `modelDescription.xml`, so that the three
 //! cannot drift apart.
 //!
-//! The feature `xml` adds reading and writing model descriptions, also of FMUs from any vendor:
+//! Without the feature `table`, which is on by default, there is only the vocabulary of the derive macros. The feature
+//! `xml` adds reading and writing model descriptions, also of FMUs from any vendor:
 //! `xml::parse` returns a tree of elements, and `ModelDescription` is a typed view of it.
 #![deny(unsafe_code)]
 
+#[cfg(feature = "table")]
 pub mod checks;
+#[cfg(feature = "table")]
 #[doc(hidden)]
 pub mod derive;
 #[cfg(feature = "xml")]
@@ -23,16 +26,23 @@ mod exported;
 mod fmi2;
 #[cfg(feature = "xml")]
 mod fmi3;
+#[cfg(feature = "table")]
 pub mod hash;
+#[cfg(feature = "table")]
 pub mod interface;
 #[cfg(feature = "xml")]
 pub mod model;
+#[cfg(feature = "table")]
 pub mod scalar;
+#[cfg(feature = "table")]
+mod state;
+#[cfg(feature = "table")]
 pub mod table;
 pub mod unit;
 pub mod value;
 #[cfg(feature = "xml")]
 mod variable;
+#[cfg(feature = "table")]
 mod variables;
 mod vocabulary;
 pub mod words;
@@ -46,14 +56,20 @@ pub use embedded::{erase_interfaces, read_interfaces};
 #[cfg(feature = "xml")]
 pub use exported::ExportedModel;
 pub use fmi_abi::FmiVersion;
+#[cfg(feature = "table")]
 pub use interface::{Interface, StartOverrides};
 #[cfg(feature = "xml")]
 pub use model::{ModelDescription, Unknown, XmlVariable};
+#[cfg(feature = "table")]
 pub use scalar::ScalarVariable;
+#[cfg(feature = "table")]
+pub use state::{StateError, StateReader, StateWriter};
+#[cfg(feature = "table")]
 pub use table::{AnyChoice, Dynamics, TableRow};
 pub use unit::Unit;
 pub use value::Value;
 #[cfg(feature = "xml")]
 pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
-pub use variables::{Choice, StateError, StateReader, StateWriter, Variables};
+#[cfg(feature = "table")]
+pub use variables::{Choice, Variables};
 pub use vocabulary::{Causality, Initial, LogCategory, Type, Variability};

@@ -3,8 +3,6 @@
 use std::fmt;
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
-
 use crate::Type;
 
 /// Defines the values of all types.
@@ -13,7 +11,8 @@ macro_rules! values {
         $($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($other:ident: $other_type:ty),*
     ) => {
         /// The value of a scalar variable, or of an element of an array.
-        #[derive(Debug, Clone, PartialEq, PartialOrd, Serialize, Deserialize)]
+        #[derive(Debug, Clone, PartialEq, PartialOrd)]
+        #[cfg_attr(feature = "xml", derive(serde::Serialize, serde::Deserialize))]
         #[allow(missing_docs, reason = "the types of FMI 3.0")]
         pub enum Value {
             $($real($real_type),)*

@@ -1,9 +1,10 @@
 //! What the derive macros implement for a struct, besides its table.
 
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use serde_core::Serialize;
+use serde_core::de::DeserializeOwned;
 
 use crate::scalar::scalar_count;
+use crate::state::{StateError, StateReader, StateWriter};
 use crate::table::{AnyChoice, Enumeration, TableRow};
 
 /// A struct with variables, implemented by `#[derive(Variables)]` and `#[derive(Model)]`.
@@ -152,58 +153,5 @@ impl<C: Choice> AnyChoice for C {
     fn set(&mut self, number: i32) -> bool {
         let item = Self::from_number(number);
         item.map(|item| *self = item).is_some()
-    }
-}
-
-/// The bytes are not a saved struct, or a field cannot be saved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct StateError;
-
-/// Collects the fields of a struct as bytes.
-#[derive(Debug, Default)]
-pub struct StateWriter(Vec<u8>);
-
-impl StateWriter {
-    /// Adds a field.
-    ///
-    /// # Errors
-    /// It cannot be serialized.
-    #[inline(never)] // one copy keeps FMUs small
-    pub fn put<T: Serialize>(&mut self, field: &T) -> Result<(), StateError> {
-        let bytes = std::mem::take(&mut self.0);
-        self.0 = postcard::to_extend(field, bytes).map_err(|_| StateError)?;
-        Ok(())
-    }
-
-    /// The bytes.
-    pub fn into_bytes(self) -> Vec<u8> {
-        self.0
-    }
-}
-
-/// Reads the fields of a struct from bytes.
-#[derive(Debug)]
-pub struct StateReader<'a>(&'a [u8]);
-
-impl<'a> StateReader<'a> {
-    /// Reads from the start of the bytes.
-    pub fn new(bytes: &'a [u8]) -> Self {
-        Self(bytes)
-    }
-
-    /// Reads the next field.
-    ///
-    /// # Errors
-    /// The bytes are not a value of this type.
-    #[inline(never)]
-    pub fn take<T: DeserializeOwned>(&mut self) -> Result<T, StateError> {
-        let (field, rest) = postcard::take_from_bytes(self.0).map_err(|_| StateError)?;
-        self.0 = rest;
-        Ok(field)
-    }
-
-    /// Whether all bytes were read.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
     }
 }

@@ -2,8 +2,6 @@
 
 use std::ffi::{CStr, c_int};
 
-use serde::{Deserialize, Serialize};
-
 use fmi_abi::FmiVersion;
 
 /// Defines enums whose variants are the keywords of an attribute or element.
@@ -11,7 +9,8 @@ macro_rules! words {
     ($($(#[$about:meta])* $name:ident { $($(#[$meaning:meta])* $variant:ident = $word:literal,)* })*) => {
         $(
             $(#[$about])*
-            #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+            #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+            #[cfg_attr(feature = "xml", derive(serde::Serialize, serde::Deserialize))]
             pub enum $name {
                 $($(#[$meaning])* $variant,)*
             }

@@ -5,7 +5,6 @@
 
 /// The state of an instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[repr(u16)]
 pub enum State {
     /// Instantiated; start values and the experiment may be set.

@@ -19,14 +19,13 @@ pub const RELEASE: &str = "release";
 /// An FMU binary is small and fast, without the symbols of Rust. What a host calls at every step is
 /// compiled with the model; the rest of its libraries is optimized for size. The second value is for
 /// components, in which a call costs more than inlining saves.
-const DEFAULTS: [(&str, [&str; 2]); 7] = [
+const DEFAULTS: [(&str, [&str; 2]); 6] = [
     ("lto", ["'fat'"; 2]),
     ("codegen-units", ["1"; 2]),
     ("strip", ["'symbols'"; 2]),
     ("opt-level", ["3", "'s'"]),
     ("package.fmu-export.opt-level", ["'s'", "'z'"]),
     ("package.fmu-description.opt-level", ["'s'", "'z'"]),
-    ("package.postcard.opt-level", ["'s'", "'z'"]),
 ];
 
 /// Arguments of cargo's option `--config` for a release, of libraries and of components: what the workspace does

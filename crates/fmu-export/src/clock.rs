@@ -1,9 +1,9 @@
 //! Sample instants: when a sampled controller acts, independent of the host's communication steps.
 
-use serde::{Deserialize, Serialize};
+use serde_core::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::error::ModelError;
-use crate::state_layout::saved;
+use crate::saved::saved;
 
 /// An instant within this fraction of the sample time of a communication point counts as lying on
 /// it: hosts compute time in floating point, so times are never compared for equality.
@@ -166,8 +166,24 @@ fn check_count(samples: f64) -> Result<(), ModelError> {
 /// assert_eq!(ticks, [(0.0, 0), (0.0, 1), (0.001, 1), (0.002, 0), (0.002, 1)]);
 /// # Ok::<(), fmu_export::ModelError>(())
 /// ```
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct SampleClocks(Vec<SampleClock>);
+
+impl Serialize for SampleClocks {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer
+            .collect_seq(self.0.iter().map(|clock| (clock.start, clock.ts, clock.rate, clock.next)))
+    }
+}
+
+impl<'de> Deserialize<'de> for SampleClocks {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let clocks = Vec::deserialize(deserializer)?.into_iter();
+        Ok(Self(
+            clocks.map(|(start, ts, rate, next)| SampleClock { start, ts, rate, next }).collect(),
+        ))
+    }
+}
 
 /// A tick of one of several [`SampleClocks`].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,7 +7,7 @@ use fmu_description::LogCategory;
 use crate::clock::SampleClock;
 use crate::error::{ModelError, ensure};
 use crate::log::Log;
-use crate::state_layout::saved;
+use crate::saved::saved;
 
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;

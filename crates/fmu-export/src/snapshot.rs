@@ -9,7 +9,7 @@ use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure};
 use crate::instance::{Guid, Instance};
 use crate::lifecycle::Lifecycle;
-use crate::state_layout::StateLayout;
+use crate::saved::Saved;
 
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
@@ -17,7 +17,7 @@ pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 pub(crate) const fn format(model: u128) -> u32 {
     /// The version of the header and of the order of the parts, to be raised when [`Instance::serialize`] changes. The
     /// layouts of the parts follow from their fields.
-    const VERSION: u128 = 12;
+    const VERSION: u128 = 13;
     state_layout(&[("", "", VERSION), ("", "", Lifecycle::LAYOUT), ("", "", model)]) as u32
 }
 
@@ -79,7 +79,7 @@ impl Instance {
         let mut payload = StateWriter::default();
         let format = self.model.info().state_format;
         let is_own = self.model.type_id() == (*state.model).type_id();
-        let saved = payload.put(&state.lifecycle).is_ok()
+        let saved = state.lifecycle.save(&mut payload).is_ok()
             && payload.put(&state.starts.is_some()).is_ok()
             && state.model.save(&mut payload).is_ok()
             && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok());
@@ -114,7 +114,7 @@ impl Instance {
             text(expected)
         );
         let mut loader = StateReader::new(payload);
-        let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
+        let lifecycle = Lifecycle::load(&mut loader).map_err(|_| damaged())?;
         let Lifecycle { instance_type, state, .. } = lifecycle;
         if !instance_type.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
             return Err(damaged());
