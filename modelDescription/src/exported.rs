@@ -22,6 +22,8 @@ pub struct ExportedModel {
     pub is_unsaved: bool,
     /// Whether a process can have one instance only.
     pub is_single_instance: bool,
+    /// Whether its state cannot be serialized.
+    pub is_unserialized: bool,
     /// Stop time and step size of the default experiment (s), which starts at 0.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator; 0 if it has none.

@@ -146,7 +146,7 @@ pub(crate) fn interfaces(
             .with("canBeInstantiatedOnlyOncePerProcess", model.is_single_instance)
             .with("canNotUseMemoryManagementFunctions", true)
             .with("canGetAndSetFMUstate", !model.is_unsaved)
-            .with("canSerializeFMUstate", !model.is_unsaved)
+            .with("canSerializeFMUstate", !model.is_unserialized)
             .with("providesDirectionalDerivative", model.has_all_derivatives())
     };
     let exchange = interface("ModelExchange").with("completedIntegratorStepNotNeeded", true);

@@ -51,7 +51,7 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
             .with("needsExecutionTool", false)
             .with("canBeInstantiatedOnlyOncePerProcess", model.is_single_instance)
             .with("canGetAndSetFMUState", !model.is_unsaved)
-            .with("canSerializeFMUState", !model.is_unsaved)
+            .with("canSerializeFMUState", !model.is_unserialized)
             .with("providesDirectionalDerivatives", has_derivatives)
             .with("providesAdjointDerivatives", has_derivatives)
             .with("providesPerElementDependencies", false)

@@ -26,6 +26,8 @@ pub struct Interface {
     pub is_unsaved: bool,
     /// Whether a process can have one instance only.
     pub is_single_instance: bool,
+    /// Whether its state cannot be serialized.
+    pub is_unserialized: bool,
     /// Stop time and communication step size (s) of the default experiment.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
@@ -353,7 +355,7 @@ impl<const N: usize> CopyWriter<N> {
         self.text(interface.description.as_bytes());
         self.raw(&[interface.is_sampled as u8, interface.is_continuous as u8]);
         self.raw(&[interface.has_log as u8, interface.is_unsaved as u8]);
-        self.raw(&[interface.is_single_instance as u8]);
+        self.raw(&[interface.is_single_instance as u8, interface.is_unserialized as u8]);
         let (stop_time, step_size) = interface.default_experiment;
         self.raw(&stop_time.to_le_bytes());
         self.raw(&step_size.to_le_bytes());

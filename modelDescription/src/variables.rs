@@ -28,6 +28,8 @@ pub unsafe trait Variables: Sized {
     const COUNT: usize = scalar_count(Self::ROWS);
     /// Whether a field has the attribute `unsaved`.
     const IS_UNSAVED: bool = false;
+    /// Whether a field has the attribute `unsaved` or `copied`.
+    const IS_UNSERIALIZED: bool = false;
     /// The layout of a saved state: a hash of the names and types of all fields.
     const STATE_LAYOUT: u128;
 
@@ -44,14 +46,14 @@ pub unsafe trait Variables: Sized {
     /// to an input of a model that takes steps: the input was held over the last step.
     fn directional_derivative(&self, unknown: usize, known: usize) -> f64;
 
-    /// A copy of all fields; those that are not saved have default values.
+    /// A copy of all fields; those that are not copied have default values.
     fn copy(&self) -> Self {
         let mut copy = Self::unset();
         copy.copy_from(self);
         copy
     }
 
-    /// Copies all fields that are saved into this struct, whose memory is used again.
+    /// Copies all fields into this struct, whose memory is used again; not those that are `unsaved`.
     fn copy_from(&mut self, from: &Self);
 
     /// Saves all fields.
@@ -111,34 +113,73 @@ pub trait Choice: Copy + 'static {
     }
 }
 
-/// A field that is no variable, or a variable that is no enumeration.
+/// What a field that is no nested struct and no enumeration needs to be created. This trait and the next three stand for
+/// one trait each that its type may lack, so that the compiler names this trait and the ways out.
 #[doc(hidden)]
 #[diagnostic::on_unimplemented(
-    message = "`{Self}` cannot be a field of a model",
-    label = "expected a type with #[derive(Default, Clone, Serialize, Deserialize)]",
-    note = "all fields are reset, copied and saved with the FMU's state; a struct with #[derive(Variables)] and #[nested] needs no serde"
+    message = "`{Self}` does not implement `Default`, which gives this field its first value",
+    label = "the trait `Default` is missing",
+    note = "write the value above the field, as in `#[fresh(Filter::new(0.1))]`; or make it an `Option<...>`, which is `None` until `initialize`; or derive `Default` for a type of your own"
 )]
-pub trait Internal: Sized {
+pub trait HasDefault: Sized {
     fn unset() -> Self;
+}
+
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `Clone`, which copies this field with the state of the FMU",
+    label = "the trait `Clone` is missing",
+    note = "derive `Clone` for a type of your own; or write above the field `#[saved(with = module)]`, to save it by functions of a module, or `#[unsaved]`, if the state of the FMU cannot be saved"
+)]
+pub trait HasClone {
     fn copy_from(&mut self, from: &Self);
+}
+
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `serde::Serialize`, which saves this field with the state of the FMU",
+    label = "the trait `Serialize` is missing",
+    note = "derive it for a type of your own, or use #[derive(Variables)] and #[nested]; the crate of another type often has a feature for it, `serde`",
+    note = "or write above the field `#[saved(with = module)]`, to save it by functions of a module; `#[copied]`, if copies within the process are enough; or `#[unsaved]`, if the state of the FMU cannot be saved"
+)]
+pub trait HasSerialize {
     fn save(&self, to: &mut StateWriter) -> Result<(), StateError>;
+}
+
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `serde::Deserialize`, which restores this field with the state of the FMU",
+    label = "the trait `Deserialize` is missing, or only for borrowed data",
+    note = "derive it for a type of your own, or use #[derive(Variables)] and #[nested]; the crate of another type often has a feature for it, `serde`",
+    note = "or write above the field `#[saved(with = module)]`, to save it by functions of a module; `#[copied]`, if copies within the process are enough; or `#[unsaved]`, if the state of the FMU cannot be saved"
+)]
+pub trait HasDeserialize {
     fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
 #[diagnostic::do_not_recommend]
-impl<T: Default + Clone + Serialize + DeserializeOwned> Internal for T {
+impl<T: Default> HasDefault for T {
     fn unset() -> Self {
         Self::default()
     }
+}
 
+#[diagnostic::do_not_recommend]
+impl<T: Clone> HasClone for T {
     fn copy_from(&mut self, from: &Self) {
         self.clone_from(from);
     }
+}
 
+#[diagnostic::do_not_recommend]
+impl<T: Serialize> HasSerialize for T {
     fn save(&self, to: &mut StateWriter) -> Result<(), StateError> {
         to.put(self)
     }
+}
 
+#[diagnostic::do_not_recommend]
+impl<T: DeserializeOwned> HasDeserialize for T {
     fn load(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         *self = from.take()?;
         Ok(())

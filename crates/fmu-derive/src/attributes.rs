@@ -30,28 +30,42 @@ pub enum Role {
     Log,
     /// Not a variable, and not part of the state that a host saves.
     Unsaved,
+    /// Not a variable, and not part of serialized states.
+    Copied,
+    /// Not a variable, and saved by functions of the author.
+    Saved,
     /// Not a variable.
     Internal,
 }
 
 use Role::{
-    Constant, Derivative, EventIndicator, Input, Local, Nested, Output, Parameter,
+    Constant, Derivative, EventIndicator, Input, Local, Nested, Output, Parameter, Saved,
     StructuralParameter,
 };
 
 impl Role {
     /// Whether the field is in the table.
     pub fn has_rows(self) -> bool {
-        !matches!(self, Self::Log | Self::Unsaved | Self::Internal)
+        !self.is_internal() && self != Self::Log
+    }
+
+    /// Whether it is no variable, and no log.
+    pub fn is_internal(self) -> bool {
+        matches!(self, Self::Unsaved | Self::Copied | Self::Saved | Self::Internal)
     }
 
     /// Whether it is part of the state that a host saves.
     pub fn is_saved(self) -> bool {
         !matches!(self, Self::Log | Self::Unsaved)
     }
+
+    /// Whether it is part of the state that a host serializes.
+    pub fn is_serialized(self) -> bool {
+        self.is_saved() && self != Self::Copied
+    }
 }
 
-const ROLES: [(&str, Role); 11] = [
+const ROLES: [(&str, Role); 13] = [
     ("input", Input),
     ("output", Output),
     ("parameter", Parameter),
@@ -62,8 +76,12 @@ const ROLES: [(&str, Role); 11] = [
     ("event_indicator", EventIndicator),
     ("nested", Nested),
     ("log", Role::Log),
+    ("saved", Saved),
+    ("copied", Role::Copied),
     ("unsaved", Role::Unsaved),
 ];
+/// The attribute with the value of an internal field in a new struct.
+const FRESH: &str = "fresh";
 
 /// An option: its name, and the function that reads its value.
 type KnownOption = (&'static str, fn(&ParseNestedMeta<'_>) -> Result<OptionValue>);
@@ -120,6 +138,7 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("terminal", terminal), &[Input, Output]),
     (("prefix", text), &[Nested]),
     (("flatten", flag), &[Nested]),
+    (("with", path), &[Saved]),
 ];
 const DESCRIBED: &[Role] =
     &[Derivative, Input, Output, Parameter, StructuralParameter, Local, Constant, EventIndicator];
@@ -156,13 +175,21 @@ impl Options {
         let (mut found, mut options) = (Role::Internal, Self::default());
         for attribute in &field.attrs {
             let mut roles = ROLES.iter();
+            if attribute.path().is_ident(FRESH) {
+                let value = attribute.parse_args().map_err(|_| {
+                    let what = "expected an expression, as in `#[fresh(Filter::new(0.1))]`";
+                    Error::new_spanned(attribute, what)
+                })?;
+                options.0.push((FRESH, attribute.span(), OptionValue::Expression(value)));
+                continue;
+            }
             let Some((name, role)) = roles.find(|(name, _)| attribute.path().is_ident(name)) else {
                 continue;
             };
             if found != Role::Internal {
                 return error(
                     attribute,
-                    "a field has one role; expected only one of input, output, parameter, structural_parameter, local, constant, derivative, event_indicator, nested, log and unsaved",
+                    "a field has one role; expected only one of input, output, parameter, structural_parameter, local, constant, derivative, event_indicator, nested, log, saved, copied and unsaved",
                 );
             }
             found = *role;
@@ -175,6 +202,7 @@ impl Options {
             let unknown = |option: &Path| {
                 let expected = match similar(option, &names) {
                     Some(similar) => format!("did you mean `{similar}`?"),
+                    None if names.is_empty() => format!("expected `#[{name}]` alone"),
                     None => format!("expected {}", frequent(&names)),
                 };
                 format!("not an option of `{name}`; {expected}")
@@ -257,6 +285,17 @@ fn text(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
 
 fn expression(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     Ok(OptionValue::Expression(meta.value()?.parse()?))
+}
+
+/// A path, which may be in quotes.
+fn path(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    let value = meta.value()?;
+    let path: Path = match value.peek(LitStr) {
+        true => value.parse::<LitStr>()?.parse(),
+        false => value.parse(),
+    }
+    .map_err(|error| Error::new(error.span(), "expected the path of a module"))?;
+    Ok(OptionValue::Expression(syn::parse2(path.to_token_stream())?))
 }
 
 fn name(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {

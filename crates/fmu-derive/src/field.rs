@@ -58,7 +58,18 @@ impl Field {
             role,
             options,
         };
+        if let (Some(fresh), false) = (found.options.expression("fresh"), role.is_internal()) {
+            let what = match role {
+                Role::Nested => "a nested struct sets its own fields; expected no `fresh`",
+                _ => "only an internal field has a fresh value; that of a variable is `start`",
+            };
+            return error(fresh, what);
+        }
         match role {
+            Role::Saved if !found.options.has("with") => {
+                let what = "expected a module with the functions `save` and `load`, as in `#[saved(with = module)]`";
+                return error(&found.ident, what);
+            }
             _ if !role.has_rows() => {}
             Role::Nested if !matches!(found.element_type(), Type::Path(_)) => {
                 return error(&field.ty, "expected a struct with #[derive(Variables)]");

@@ -23,22 +23,18 @@ impl Field {
         self.trait_item(&quote!(Choice), item)
     }
 
-    /// An item of the trait that resets, copies and saves an element.
-    fn element_item(&self, item: &TokenStream) -> TokenStream {
+    /// An item of the trait that resets, copies or saves an element: the third for a field that is no enumeration.
+    fn element_item(&self, item: &TokenStream, trait_of_item: &TokenStream) -> TokenStream {
         match (self.role, self.of_type) {
-            (Role::Log | Role::Unsaved, _) => {
-                let ty = self.element_type();
-                respan(ty.span(), quote!(<#ty as ::core::default::Default>::default()))
-            }
             (Role::Nested, _) => self.trait_item(&quote!(Variables), item),
             (_, FmiType::Enumeration) => self.choice_item(item),
-            _ => self.trait_item(&quote!(Internal), item),
+            _ => self.trait_item(trait_of_item, item),
         }
     }
 
     /// An item of `Variables` for a nested struct; `None` for other fields.
     fn nested_item(&self, item: &TokenStream) -> Option<TokenStream> {
-        (self.role == Role::Nested).then(|| self.element_item(item))
+        (self.role == Role::Nested).then(|| self.trait_item(&quote!(Variables), item))
     }
 
     /// The number of its first scalar.
@@ -151,13 +147,21 @@ impl Field {
         }
     }
 
+    /// The condition under which this field keeps the struct from being serialized; `None` if it never does.
+    pub fn is_unserialized(&self) -> Option<TokenStream> {
+        match self.role {
+            Role::Unsaved | Role::Copied => Some(quote!(true)),
+            _ => self.nested_item(&quote!(IS_UNSERIALIZED)),
+        }
+    }
+
     /// For each nested struct of the field: its place, and the number of its first scalar.
     fn places(&self) -> Vec<(TokenStream, TokenStream)> {
         let (ident, first) = (&self.ident, self.first_scalar());
         if self.role != Role::Nested || self.dimensions().is_empty() {
             return vec![(quote!(self.#ident), first)];
         }
-        let count = self.element_item(&quote!(COUNT));
+        let count = self.nested_item(&quote!(COUNT));
         let place = |i: usize| (quote!(self.#ident[#i]), quote!(const { #i * #count + #first }));
         (0..self.row_count()).map(place).collect()
     }
@@ -166,7 +170,7 @@ impl Field {
     pub fn input_derivative(&self) -> Option<TokenStream> {
         let first = self.first_scalar();
         if let Some(derivative) = self.nested_item(&quote!(input_derivative)) {
-            let count = self.element_item(&quote!(COUNT));
+            let count = self.nested_item(&quote!(COUNT));
             let arms = self.places().into_iter().map(|(place, first)| {
                 quote! {
                     _ if index.wrapping_sub(#first) < const { #count } => {
@@ -184,7 +188,7 @@ impl Field {
     pub fn directional_derivatives(&self, others: &[Self]) -> TokenStream {
         let first = self.first_scalar();
         if let Some(derivative) = self.nested_item(&quote!(directional_derivative)) {
-            let count = self.element_item(&quote!(COUNT));
+            let count = self.nested_item(&quote!(COUNT));
             let arms = self.places().into_iter().map(|(place, first)| {
                 quote! {
                     _ if unknown.wrapping_sub(#first) < const { #count }
@@ -229,37 +233,61 @@ impl Field {
         })
     }
 
-    /// The default value. `Default` and `Deserialize` end at 32 elements.
+    /// The value in a new struct. `Default` and `Deserialize` end at 32 elements.
     pub fn unset(&self) -> TokenStream {
-        let (ident, value) = (&self.ident, self.element_item(&quote!(unset())));
+        let ident = &self.ident;
+        if let Some(fresh) = self.options.expression("fresh") {
+            let fresh = fresh.authored();
+            return quote!(#ident: #fresh);
+        }
+        let value = self.element_item(&quote!(unset()), &quote!(HasDefault));
         let value = self.for_elements(value, |value| quote!(::core::array::from_fn(|_| #value)));
         quote!(#ident: #value)
     }
 
+    /// A function of the module by which the field is saved; `None` for other fields.
+    fn function_of_author(&self, name: &str) -> Option<TokenStream> {
+        let module = self.options.expression("with")?;
+        let name = Ident::new(name, module.span());
+        Some(respan(module.span(), quote!(#module::#name)))
+    }
+
     /// The statement that copies the field into the same field of this struct.
     pub fn copy_from(&self) -> TokenStream {
-        let ident = &self.ident;
-        if self.role == Role::Nested && !self.dimensions().is_empty() {
-            let copy = self.element_item(&quote!(copy_from));
-            return quote!(for (to, from) in self.#ident.iter_mut().zip(&from.#ident) { #copy(to, from) });
+        let (ident, krate, ty) = (&self.ident, &self.krate, &self.ty);
+        let [save, load] = ["save", "load"].map(|name| self.function_of_author(name));
+        if let (Some(save), Some(load)) = (save, load) {
+            return quote!(self.#ident = #load(#save(&from.#ident)););
         }
-        let copy = match self.dimensions().is_empty() {
-            true => self.element_item(&quote!(copy_from)),
-            false => respan(self.span(), quote!(::core::clone::Clone::clone_from)),
+        let copy = match (self.role, self.dimensions().is_empty()) {
+            (Role::Nested, false) => {
+                let copy = self.nested_item(&quote!(copy_from));
+                return quote!(for (to, from) in self.#ident.iter_mut().zip(&from.#ident) { #copy(to, from) });
+            }
+            (_, true) => self.element_item(&quote!(copy_from), &quote!(HasClone)),
+            (_, false) => respan(ty.span(), quote!(<#ty as #krate::HasClone>::copy_from)),
         };
         quote!(#copy(&mut self.#ident, &from.#ident);)
     }
 
     /// The statement that saves the field.
     pub fn save(&self) -> TokenStream {
-        let (ident, save) = (&self.ident, self.element_item(&quote!(save(item, to)?;)));
+        let ident = &self.ident;
+        if let Some(save) = self.function_of_author("save") {
+            return quote!(to.put(&#save(&self.#ident))?;);
+        }
+        let save = self.element_item(&quote!(save(item, to)?;), &quote!(HasSerialize));
         let items = self.for_elements(save, |item| quote!(for item in item { #item }));
         quote!({ let item = &self.#ident; #items })
     }
 
     /// The statement that loads the field.
     pub fn load(&self) -> TokenStream {
-        let (ident, load) = (&self.ident, self.element_item(&quote!(load(item, from)?;)));
+        let ident = &self.ident;
+        if let Some(load) = self.function_of_author("load") {
+            return quote!(self.#ident = #load(from.take()?););
+        }
+        let load = self.element_item(&quote!(load(item, from)?;), &quote!(HasDeserialize));
         let items = self.for_elements(load, |item| quote!(for item in item { #item }));
         quote!({ let item = &mut self.#ident; #items })
     }

@@ -21,7 +21,7 @@ macro_rules! derive_of_struct {
             attributes(
                 $($attribute,)+
                 input, output, parameter, structural_parameter, local, constant, derivative,
-                event_indicator, nested, log, unsaved
+                event_indicator, nested, log, saved, copied, unsaved, fresh
             )
         )]
         pub fn $function(input: TokenStream) -> TokenStream {

@@ -190,7 +190,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let is_stub = fields.is_none();
     let fields = fields.unwrap_or_default();
     let saved = fields.iter().filter(|field| field.role.is_saved());
-    let each = |of: fn(&Field) -> TokenStream| saved.clone().map(of).collect::<TokenStream>();
+    let serialized = fields.iter().filter(|field| field.role.is_serialized());
     let unset = match options.has("default") {
         _ if is_stub => quote!(::core::unreachable!()),
         true => quote!(::core::default::Default::default()),
@@ -201,12 +201,13 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     };
     let rows = fields.iter().flat_map(Field::rows);
     let is_unsaved = fields.iter().filter_map(Field::is_unsaved);
+    let is_unserialized = fields.iter().filter_map(Field::is_unserialized);
     let are_finite = fields.iter().filter_map(|field| field.has_finite_outputs(fields));
     let input_derivatives = fields.iter().filter_map(Field::input_derivative);
     let derivatives = fields.iter().map(|field| field.directional_derivatives(fields));
-    let copies = each(Field::copy_from);
-    let (saves, loads) = (each(Field::save), each(Field::load));
-    let layouts = saved.clone().map(Field::state_layout);
+    let copies = saved.map(Field::copy_from);
+    let (saves, loads) = (serialized.clone().map(Field::save), serialized.clone().map(Field::load));
+    let layouts = serialized.map(Field::state_layout);
     let checks = checks(input, fields, krate);
     let result = quote!(::core::result::Result<(), #krate::StateError>);
     let done = quote!(::core::result::Result::Ok(()));
@@ -218,6 +219,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
         unsafe impl #generics #krate::Variables for #ident #arguments #condition {
             const ROWS: &'static [#krate::TableRow] = &[#(#rows),*];
             const IS_UNSAVED: bool = false #(|| #is_unsaved)*;
+            const IS_UNSERIALIZED: bool = false #(|| #is_unserialized)*;
             const STATE_LAYOUT: u128 = #krate::state_layout(&[#(#layouts),*]);
 
             fn unset() -> Self { #unset }
@@ -229,9 +231,9 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
             fn directional_derivative(&self, unknown: usize, known: usize) -> f64 {
                 match (unknown, known) { #(#derivatives)* _ => 0.0 }
             }
-            fn copy_from(&mut self, from: &Self) { #copies }
-            fn save(&self, to: &mut #krate::StateWriter) -> #result { #saves #done }
-            fn load(&mut self, from: &mut #krate::StateReader<'_>) -> #result { #loads #done }
+            fn copy_from(&mut self, from: &Self) { #(#copies)* }
+            fn save(&self, to: &mut #krate::StateWriter) -> #result { #(#saves)* #done }
+            fn load(&mut self, from: &mut #krate::StateReader<'_>) -> #result { #(#loads)* #done }
         }
 
         #checks
@@ -255,6 +257,10 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     for field in &mut fields {
         field.row = row;
         row += field.row_count();
+    }
+    let fresh = fields.iter().find_map(|field| field.options.expression("fresh"));
+    if let (Some(fresh), true) = (fresh, options.has("default")) {
+        return error(fresh, "the struct is created with its `Default`; expected no `fresh`");
     }
     check_names(&fields)?;
     Ok(fields)

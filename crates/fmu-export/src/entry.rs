@@ -51,6 +51,7 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         has_log: M::HAS_LOG,
         is_unsaved: M::IS_UNSAVED || M::IS_SINGLE_INSTANCE,
         is_single_instance: M::IS_SINGLE_INSTANCE,
+        is_unserialized: M::IS_UNSERIALIZED || M::IS_SINGLE_INSTANCE,
         default_experiment: M::DEFAULT_EXPERIMENT,
         tolerance: M::TOLERANCE,
         scalars,

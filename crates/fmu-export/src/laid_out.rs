@@ -47,6 +47,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
             (_, true) => Some("fields"),
             _ => None,
         },
+        is_unserialized: M::IS_UNSERIALIZED,
         state_format: snapshot::format(M::STATE_LAYOUT),
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;

@@ -259,6 +259,8 @@ pub(crate) struct ModelInfo {
     pub(crate) has_log: bool,
     /// What cannot be saved, if the state of the model cannot.
     pub(crate) why_unsaved: Option<&'static str>,
+    /// Whether its state cannot be serialized.
+    pub(crate) is_unserialized: bool,
     /// The format of its serialized states.
     pub(crate) state_format: u32,
     pub(crate) has_structural_parameters: bool,

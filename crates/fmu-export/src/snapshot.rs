@@ -53,6 +53,15 @@ impl Instance {
         }
     }
 
+    fn check_serialized(&self) -> Result<(), ModelError> {
+        self.check_saved()?;
+        ensure!(
+            !self.model.info().is_unserialized,
+            "the model has fields that cannot be serialized: canSerializeFMUState is false"
+        );
+        Ok(())
+    }
+
     /// Restores a snapshot of this or another instance of the model.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), ModelError> {
         let shared = &mut self.shared;
@@ -76,6 +85,7 @@ impl Instance {
 
     /// Serializes a state: header, payload, and a checksum of both.
     pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
+        self.check_serialized()?;
         let mut payload = StateWriter::default();
         let format = self.model.info().state_format;
         let is_own = self.model.type_id() == (*state.model).type_id();
@@ -92,7 +102,7 @@ impl Instance {
 
     /// Deserializes a state of the model.
     pub(crate) fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot, ModelError> {
-        self.check_saved()?;
+        self.check_serialized()?;
         let damaged = || ModelError::refuse("the bytes are damaged or not a serialized FMU state");
         let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
         let (content, sum) = bytes.split_at(end);

@@ -7,7 +7,7 @@ use std::panic::panic_any;
 use fmu_description::Type;
 use fmu_export::prelude::*;
 
-fmu_export::export!(Every, Sampled, Ball, Hopper, Valve, Device, Relay, Switches);
+fmu_export::export!(Every, Sampled, Ball, Hopper, Valve, Device, Relay, Switches, Foreign, Noisy);
 
 // Indices of the models.
 pub const EVERY: usize = 0;
@@ -18,6 +18,8 @@ pub const VALVE: usize = 4;
 pub const DEVICE: usize = 5;
 pub const RELAY: usize = 6;
 pub const SWITCHES: usize = 7;
+pub const FOREIGN: usize = 8;
+pub const NOISY: usize = 9;
 
 /// Defines a constant for each value reference, in order: of the first element of an array with so many.
 macro_rules! references {
@@ -699,6 +701,85 @@ impl Continuous for Switches {
         if self.on && !seen.0 {
             self.x = 10.0;
         }
+        Ok(())
+    }
+}
+
+/// Adds up its input by types without traits, of which it says how they are made and saved
+#[derive(Model)]
+#[rustfmt::skip]
+pub struct Foreign {
+    /** added */ #[input] u: f64,
+    /** sum */ #[output] y: f64,
+    #[saved(with = bare)] #[fresh(Bare::new(10.0))] sum: Bare,
+    #[saved(with = "bare::pair")] #[fresh([Bare::new(1.0), Bare::new(2.0)])] pair: [Bare; 2],
+}
+
+/// A number in a type without traits.
+pub struct Bare(f64);
+
+impl Bare {
+    const fn new(number: f64) -> Self {
+        Self(number)
+    }
+}
+
+mod bare {
+    use super::Bare;
+
+    pub fn save(bare: &Bare) -> f64 {
+        bare.0
+    }
+
+    pub fn load(number: f64) -> Bare {
+        Bare(number)
+    }
+
+    pub mod pair {
+        use super::Bare;
+
+        pub fn save(pair: &[Bare; 2]) -> (f64, f64) {
+            (pair[0].0, pair[1].0)
+        }
+
+        pub fn load((first, second): (f64, f64)) -> [Bare; 2] {
+            [Bare(first), Bare(second)]
+        }
+    }
+}
+
+impl Foreign {
+    references! { U, Y }
+}
+
+impl Simulate for Foreign {
+    fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
+        self.sum.0 += self.u * step;
+        self.pair[1].0 += 1.0;
+        self.y = self.sum.0 + self.pair[0].0 * self.pair[1].0;
+        Ok(())
+    }
+}
+
+/// Counts by a type that can be copied, but not serialized
+#[derive(Model)]
+#[rustfmt::skip]
+pub struct Noisy {
+    /** number of steps */ #[output] y: f64,
+    #[copied] count: Counter,
+}
+
+#[derive(Clone, Default)]
+struct Counter(f64);
+
+impl Noisy {
+    references! { Y }
+}
+
+impl Simulate for Noisy {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        self.count.0 += 1.0;
+        self.y = self.count.0;
         Ok(())
     }
 }

@@ -326,6 +326,48 @@ fn a_model_with_a_field_that_cannot_be_saved_refuses_to_be() {
     }
 }
 
+#[test]
+fn a_field_of_a_type_without_traits_is_made_and_saved_by_functions() {
+    for kind in PLAIN {
+        let it = Instance::running(kind, FOREIGN);
+        ok([it.set_f64(&[Foreign::U], &[4.0])]);
+        it.steps(0.0, H);
+        // 10 + 4 * 0.25, and 1 * (2 + 1)
+        assert_eq!(it.get([Foreign::Y]), [14.0]);
+        let (mut state, bytes) = (it.save(), it.snapshot());
+        it.steps(H, H);
+        assert_eq!(it.get([Foreign::Y]), [16.0]);
+        ok([it.set_state(state), it.free_state(&mut state)]);
+        it.steps(H, H);
+        assert_eq!(it.get([Foreign::Y]), [16.0]);
+        let other = Instance::new(kind, FOREIGN);
+        other.resume(&bytes).steps(H, H);
+        assert_eq!(other.get([Foreign::Y]), [16.0]);
+        other.reset();
+        other.start(0.0, None);
+        other.steps(0.0, H);
+        assert_eq!(other.get([Foreign::Y]), [13.0]);
+    }
+}
+
+#[test]
+fn a_model_with_a_field_that_is_only_copied_refuses_to_be_serialized() {
+    for kind in PLAIN {
+        let it = Instance::running(kind, NOISY);
+        it.steps(0.0, 1.0);
+        let mut state = it.save();
+        it.steps(1.0, 1.0);
+        ok([it.set_state(state)]);
+        it.steps(1.0, 1.0);
+        assert_eq!(it.get([Noisy::Y]), [2.0]);
+        let words = "the model has fields that cannot be serialized: canSerializeFMUState is false";
+        let (mut size, mut none) = (0, null_mut());
+        it.fails(ERROR, words, |f| f.serialized_size(state, &mut size));
+        it.fails(ERROR, words, |f| f.deserialize(b"", &mut none));
+        ok([it.free_state(&mut state)]);
+    }
+}
+
 /// The layout of a struct with these fields.
 macro_rules! layout {
     ($($(#[$option:meta])* $field:ident: $type:ty),*) => {{

@@ -32,15 +32,4 @@ enum NotCopy {
     /** without feedback */ Open,
 }
 
-struct Filter;
-
-#[derive(Clone)]
-struct Delay;
-
-#[derive(Variables)]
-struct Internal {
-    filter: Filter,
-    delays: [Delay; 2],
-}
-
 fn main() {}
