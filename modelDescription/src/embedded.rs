@@ -66,9 +66,9 @@ fn description(copy: &[u8]) -> Result<ExportedModel> {
     let is_whole = checksum(content).to_le_bytes() == *sum;
     ensure!(is_whole, "its checksum is wrong");
     let content = content.get(HEADER..).context("it ends too early")?;
-    let model: ExportedModel = postcard::from_bytes(content)?;
+    let mut model: ExportedModel = postcard::from_bytes(content)?;
     let mut reference = 0_u32;
-    for v in &model.variables {
+    for v in &mut model.variables {
         ensure!(v.reference == reference, "a value reference is wrong");
         let mut sizes = v.dimensions.iter();
         let count = sizes.try_fold(1, |count: usize, size| count.checked_mul(*size));
@@ -78,6 +78,9 @@ fn description(copy: &[u8]) -> Result<ExportedModel> {
         let mut start = v.start.iter();
         let fits = start.all(|value| value.of_type() == v.of_type);
         ensure!(fits, "a start value does not fit its type");
+        if let [all] = v.start.as_slice() {
+            v.start = vec![all.clone(); v.element_count()];
+        }
     }
     Ok(model)
 }

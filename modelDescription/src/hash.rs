@@ -1,5 +1,17 @@
 //! FNV-1a, a hash of 128 bits that constant evaluation can compute.
 
+/// The factor of a byte.
+const PRIME: u128 = 0x0000_0000_0100_0000_0000_0000_0000_013b;
+/// The factors of up to eight zero bytes.
+const POWERS: [u128; 9] = {
+    let (mut powers, mut i) = ([1_u128; 9], 1);
+    while i < powers.len() {
+        powers[i] = powers[i - 1].wrapping_mul(PRIME);
+        i += 1;
+    }
+    powers
+};
+
 /// The hash of bytes, to detect damage.
 pub const fn checksum(bytes: &[u8]) -> u128 {
     Hash::new().bytes(bytes).0
@@ -21,14 +33,25 @@ impl Hash {
         let mut i = 0;
         while i < bytes.len() {
             let mixed = self.0 ^ bytes[i] as u128;
-            self = Self(mixed.wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b));
+            self = Self(mixed.wrapping_mul(PRIME));
             i += 1;
         }
         self
     }
 
-    pub(crate) const fn number(self, number: u64) -> Self {
-        self.bytes(&number.to_le_bytes())
+    /// The bytes of a number. A zero byte only multiplies the hash, so that a run of zeros takes one step: most numbers
+    /// are short, and an array may have so many that the compiler would warn.
+    pub(crate) const fn number(mut self, number: u64) -> Self {
+        let (mut rest, mut left) = (number, size_of::<u64>());
+        while rest != 0 {
+            let zeros = rest.trailing_zeros() as usize / 8;
+            rest >>= 8 * zeros;
+            let mixed = self.0.wrapping_mul(POWERS[zeros]) ^ (rest & 0xff) as u128;
+            self = Self(mixed.wrapping_mul(PRIME));
+            rest >>= 8;
+            left -= zeros + 1;
+        }
+        Self(self.0.wrapping_mul(POWERS[left]))
     }
 
     /// A text, and a byte that UTF-8 does not have: "a", "bc" differs from "ab", "c".
@@ -45,6 +68,14 @@ impl Hash {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_hash_of_a_number_is_the_hash_of_its_bytes() {
+        for number in [0, 1, 0x100, 0xff00_ff00, 1 << 63, u64::MAX, 2.5_f64.to_bits()] {
+            let bytes = Hash::new().bytes(&number.to_le_bytes());
+            assert_eq!(Hash::new().number(number).0, bytes.0, "{number:#x}");
+        }
+    }
 
     /// Published test vectors of 128-bit FNV-1a: "" and "a".
     #[test]

@@ -84,6 +84,17 @@ impl StartOverrides {
         Some((StartOverride { reference, text }, Self(rest)))
     }
 
+    /// Whether it has some of so many variables.
+    const fn has_any(mut self, from: usize, count: usize) -> bool {
+        while let Some((first, rest)) = self.next() {
+            if from <= first.reference && first.reference < from + count {
+                return true;
+            }
+            self = rest;
+        }
+        false
+    }
+
     /// The override of a variable, if there is one.
     const fn get(mut self, reference: usize) -> Option<StartOverride> {
         while let Some((first, rest)) = self.next() {
@@ -227,8 +238,8 @@ const fn identify(scalar: &ScalarVariable, mut hash: Hash) -> Hash {
         Bounds::Whole(min, max) => hash.number(min as u64).number(max as u64),
         Bounds::None => hash,
     };
-    let mut i = 0;
-    while i < field.start.len() {
+    let (mut i, count) = (0, field.start_count());
+    while i < count {
         hash = identify_value(field.start.get(i), hash);
         i += 1;
     }
@@ -274,7 +285,7 @@ const fn write_copy<const N: usize>(interface: &Interface) -> CopyWriter<N> {
     writer
 }
 
-/// Writes the first `N` bytes of a copy, and counts the others: a `ExportedModel`, as postcard reads it.
+/// Writes a copy of `N` bytes, or counts the bytes if `N` is too small: a `ExportedModel`, as postcard reads it.
 struct CopyWriter<const N: usize> {
     bytes: [u8; N],
     length: usize,
@@ -282,12 +293,16 @@ struct CopyWriter<const N: usize> {
 
 impl<const N: usize> CopyWriter<N> {
     const fn raw(&mut self, bytes: &[u8]) {
-        each!(byte in bytes => {
-            if self.length < N {
-                self.bytes[self.length] = *byte;
-            }
-            self.length += 1;
-        });
+        let end = self.length + bytes.len();
+        if end <= N {
+            self.bytes
+                .split_at_mut(self.length)
+                .1
+                .split_at_mut(bytes.len())
+                .0
+                .copy_from_slice(bytes);
+        }
+        self.length = end;
     }
 
     /// Adds a whole number, seven bits a byte.
@@ -364,7 +379,8 @@ impl<const N: usize> CopyWriter<N> {
         each_variable!(_i, _scalar in scalars => { variables += 1; });
         self.number(variables);
         each_variable!(i, _scalar in scalars => { self.variable(i, interface); });
-        self.text(&guid(interface));
+        // The first pass, which computes the length, saves the time.
+        self.text(&if N == 0 { [0; GUID_LENGTH] } else { guid(interface) });
     }
 
     /// Adds a `Variable`.
@@ -401,7 +417,7 @@ impl<const N: usize> CopyWriter<N> {
         self.some_text(field.display_unit);
         self.some_text(field.mime_type);
         self.bounds(field);
-        self.start(&field.start, reference, interface.overrides);
+        self.start(field, reference, interface.overrides);
         self.declared_type(&field.start);
     }
 
@@ -486,12 +502,14 @@ impl<const N: usize> CopyWriter<N> {
         });
     }
 
-    /// Adds the start values; a variant replaces some.
-    const fn start(&mut self, start: &TypedStart, reference: usize, overrides: StartOverrides) {
-        let of_type = start.of_type();
-        self.number(start.len() as u128);
+    /// Adds the start values, one if all elements have the same; a variant replaces some.
+    const fn start(&mut self, field: &Declaration, reference: usize, overrides: StartOverrides) {
+        let (start, of_type) = (&field.start, field.start.of_type());
+        let is_replaced = overrides.has_any(reference, field.start_count());
+        let count = if is_replaced { field.start_count() } else { start.len() };
+        self.number(count as u128);
         let mut i = 0;
-        while i < start.len() {
+        while i < count {
             let value = match overrides.get(reference + i) {
                 Some(start) => start.constant(of_type),
                 None => start.get(i),

@@ -263,6 +263,15 @@ const fn scalar_in_group(
     None
 }
 
+/// The variable with another name in the same group as a variable of a table.
+pub fn variable_named(
+    rows: &'static [TableRow],
+    scalar: &ScalarVariable,
+    name: &str,
+) -> Option<ScalarVariable> {
+    variable_with_hash(rows, scalar.name_hash(name))
+}
+
 /// A variable of some rows with a full name of this hash, if there is one.
 pub(crate) const fn variable_with_hash(
     rows: &'static [TableRow],

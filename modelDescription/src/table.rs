@@ -197,8 +197,8 @@ macro_rules! starts {
     (
         $($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($other:ident: $other_type:ty),*
     ) => {
-        /// The type of a variable, and the start value of each element, in row-major order; none if the model
-        /// calculates the initial value.
+        /// The type of a variable, and the start value of each element, in row-major order, or one for all elements;
+        /// none if the model calculates the initial value.
         #[derive(Debug, Clone, Copy)]
         #[allow(missing_docs, reason = "the types of FMI 3.0")]
         pub enum TypedStart {
@@ -222,7 +222,7 @@ macro_rules! starts {
                 }
             }
 
-            /// How many start values there are: none if the model calculates them.
+            /// How many start values are given: one for each element, or one for all; none if the model calculates them.
             pub const fn len(&self) -> usize {
                 match self {
                     $(Self::$real(values) => values.len(),)*
@@ -242,8 +242,9 @@ macro_rules! starts {
                 }
             }
 
-            /// The start value of an element, less than [`len`](Self::len).
+            /// The start value of an element; there is one unless the model calculates it.
             pub const fn get(&self, element: usize) -> Constant {
+                let element = if self.len() == 1 { 0 } else { element };
                 match self {
                     $(Self::$real(values) => Constant::Real(values[element] as f64),)*
                     $(Self::$whole(values) => Constant::Whole(values[element] as i128),)*
@@ -348,6 +349,11 @@ impl Declaration {
             Some(history) => history.deprecated,
             None => "",
         }
+    }
+
+    /// Number of its elements that have a start value: all, or none if the model calculates them.
+    pub const fn start_count(&self) -> usize {
+        if self.start.is_empty() { 0 } else { self.element_count() }
     }
 
     /// Number of scalar variables it represents.

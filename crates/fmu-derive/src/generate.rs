@@ -416,21 +416,20 @@ impl Field {
         self.slice(&self.value(start), start.is_literal() || is_item)
     }
 
-    /// A value as a constant slice of all scalars; `is_scalar` if an array has it in all elements.
+    /// A value as a constant slice: of all scalars, or `is_scalar` if all elements of an array have it.
     fn slice(&self, value: &TokenStream, is_scalar: bool) -> TokenStream {
         let dimensions = self.dimensions();
-        if dimensions.is_empty() {
+        if dimensions.is_empty() || is_scalar {
             return quote!(&[#value]);
         }
         let repeated = |value| {
             let lengths = dimensions.iter().rev();
             lengths.fold(value, |inner, length| quote!([#inner; #length]))
         };
-        let array = if is_scalar { repeated(value.clone()) } else { value.clone() };
         let array = match self.options.expression("start") {
             // An error of its type is shown there.
-            Some(start) => respan(start.span(), quote!(&#array)),
-            None => quote!(&#array),
+            Some(start) => respan(start.span(), quote!(&#value)),
+            None => quote!(&#value),
         };
         // In a start value, numbers stand for items, and string slices for strings.
         let ty = repeated(match self.of_type {

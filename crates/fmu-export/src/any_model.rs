@@ -9,7 +9,9 @@ use fmu_description::{
 };
 
 use crate::error::ModelError;
-use crate::layout::{self, ModelInfo, copy_fields, elements_in_use, float64_at, has_own_start};
+use crate::layout::{
+    self, Extent, ModelInfo, copy_fields, elements_in_use, float64_at, has_own_start,
+};
 use crate::log::Log;
 use crate::model::Behavior;
 
@@ -18,6 +20,8 @@ pub(crate) trait AnyModel: Any {
     fn info(&self) -> &'static ModelInfo;
     /// The model in memory, with its variables at the offsets of the table.
     fn memory(&mut self) -> *mut u8;
+    /// The elements of the variable whose first element has the given value reference; `None` for other references.
+    fn extent(&self, reference: u32) -> Option<Extent>;
     /// Sets all values to their start values, also of a variant.
     fn reset(&mut self, variant: Option<VariantStarts>);
     /// Becomes a fresh model with the values that the host has set.
@@ -70,14 +74,12 @@ impl dyn AnyModel {
             }
             overrides = rest;
         }
-        let arrays = match self.info().has_structural_parameters {
-            true => self.info().arrays,
-            false => &[],
-        };
-        let mut in_use = (0..).zip(arrays).filter(|(_, array)| array.count > 0);
-        in_use.any(|(reference, array)| {
-            self.elements_in_use(reference) < Some(array.default as usize)
-        })
+        let info = self.info();
+        info.has_structural_parameters
+            && (0..info.count as u32).any(|reference| {
+                let default = self.extent(reference).map(|array| array.default as usize);
+                self.elements_in_use(reference) < default
+            })
     }
 
     /// The scalar variable with the given value reference.
@@ -100,9 +102,9 @@ impl dyn AnyModel {
     /// Number of elements in use of the variable whose first element has the given value reference;
     /// `None` for other references.
     pub(crate) fn elements_in_use(&mut self, reference: u32) -> Option<usize> {
-        let array = self.info().arrays.get(reference as usize)?;
+        let array = self.extent(reference)?;
         // SAFETY: the entry is one of this model.
-        (array.count > 0).then(|| unsafe { elements_in_use(self.memory(), array) })
+        Some(unsafe { elements_in_use(self.memory(), &array) })
     }
 
     /// Whether a host can address the scalar of a reference by itself: it is no structural parameter, and an element in

@@ -16,6 +16,7 @@ use crate::any_model::{AnyModel, VariantStarts};
 use crate::error::ModelError;
 use crate::instance::{Guid, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
+use crate::large::{self, Part};
 use crate::layout::{Extent, Float64Place, elements_in_use, float64_at};
 use crate::log::discard;
 use crate::model::Model;
@@ -479,6 +480,9 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     /// false.
     #[inline(always)]
     pub(crate) fn get_elements(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        if Self::IS_LARGE {
+            return large::get(self, Part::Element, references, values);
+        }
         let is_real = |&reference: &u32| {
             let place = Self::ELEMENTS.get(reference as usize);
             place.is_some_and(|place| place.offset != Float64Place::NONE)
@@ -491,6 +495,9 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     /// As [`set_scalars`](Self::set_scalars) for scalars and elements of arrays in use.
     #[inline(always)]
     pub(crate) fn set_elements(&mut self, references: &[u32], values: &[f64]) -> bool {
+        if Self::IS_LARGE {
+            return large::set(self, Part::Element, references, values);
+        }
         !self.has_fewer_elements() && self.set_scalars(Self::ELEMENTS, references, values)
     }
 
@@ -505,7 +512,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     #[inline(always)]
     pub(crate) fn get_scalars(
         &mut self,
-        places: &'static [Float64Place; N],
+        places: &'static [Float64Place],
         references: &[u32],
         values: &mut [f64],
     ) -> bool {
@@ -529,7 +536,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     #[inline(always)]
     pub(crate) fn set_scalars(
         &mut self,
-        places: &'static [Float64Place; N],
+        places: &'static [Float64Place],
         references: &[u32],
         values: &[f64],
     ) -> bool {
@@ -563,6 +570,9 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     /// and a loop that checks all references before would take 5 ns.
     #[inline(always)]
     pub(crate) fn get_arrays(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        if Self::IS_LARGE {
+            return large::get(self, Part::Variable, references, values);
+        }
         let mut rest = values;
         for &reference in references {
             match Self::VARIABLES.get(reference as usize) {
@@ -584,12 +594,15 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     /// elements.
     #[inline(always)]
     pub(crate) fn set_arrays(&mut self, references: &[u32], values: &[f64]) -> bool {
+        if Self::IS_LARGE {
+            return large::set(self, Part::Variable, references, values);
+        }
         let mut rest = values;
         for &reference in references {
             let Some(place) = Self::VARIABLES.get(reference as usize) else {
                 return false;
             };
-            let length = self.length(&Self::INFO.arrays[reference as usize]);
+            let length = self.length(&Self::ARRAYS[reference as usize]);
             let Some((values, others)) = rest.split_at_checked(length) else {
                 return false;
             };
@@ -635,7 +648,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         // SAFETY: the caller's promise; `Variables` promises an array of `f64` at this offset.
         unsafe {
             let place = Self::VARIABLES.get_unchecked(reference as usize);
-            let length = self.length(Self::INFO.arrays.get_unchecked(reference as usize));
+            let length = self.length(Self::ARRAYS.get_unchecked(reference as usize));
             std::slice::from_raw_parts_mut(float64_at(self.memory(), place.offset), length)
         }
     }

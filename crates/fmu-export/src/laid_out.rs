@@ -10,7 +10,10 @@ use fmu_description::{Causality, StateError, StateReader, StateWriter};
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::equations::ModelEquations;
 use crate::error::ModelError;
-use crate::layout::{self, Float64Place, ModelInfo, Tables, copy_fields};
+use crate::large;
+use crate::layout::{
+    self, Extent, Float64Place, MAX_PLACES, ModelInfo, Tables, copy_fields, table,
+};
 use crate::model::{Behavior, Model};
 use crate::snapshot;
 
@@ -28,7 +31,6 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     pub(crate) const INFO: ModelInfo = ModelInfo {
         rows: M::ROWS,
         count: N,
-        arrays: &const { Self::TABLES.arrays },
         states: const { &const { Self::TABLES.states } }.as_slice(),
         event_indicators: const { &const { Self::TABLES.event_indicators } }.as_slice(),
         is_sampled: M::IS_SAMPLED,
@@ -52,9 +54,12 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.has_structural_parameters;
-    pub(crate) const ELEMENTS: &'static [Float64Place; N] = &const { Self::TABLES.elements };
-    pub(crate) const SCALARS: &'static [Float64Place; N] = &const { Self::TABLES.scalars };
-    pub(crate) const VARIABLES: &'static [Float64Place; N] = &const { Self::TABLES.variables };
+    /// Whether the model has no tables of places.
+    pub(crate) const IS_LARGE: bool = N > MAX_PLACES;
+    pub(crate) const ELEMENTS: &'static [Float64Place] = table(&const { Self::TABLES.elements });
+    pub(crate) const SCALARS: &'static [Float64Place] = table(&const { Self::TABLES.scalars });
+    pub(crate) const VARIABLES: &'static [Float64Place] = table(&const { Self::TABLES.variables });
+    pub(crate) const ARRAYS: &'static [Extent] = table(&const { Self::TABLES.arrays });
 
     pub(crate) fn with_model(model: M) -> Self {
         Self { model, has_fewer_elements: false }
@@ -75,6 +80,13 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
     #[inline(always)]
     fn memory(&mut self) -> *mut u8 {
         (&raw mut self.model).cast()
+    }
+
+    fn extent(&self, reference: u32) -> Option<Extent> {
+        match Self::IS_LARGE {
+            true => large::extent(self, reference),
+            false => Self::ARRAYS.get(reference as usize).copied().filter(|array| array.count > 0),
+        }
     }
 
     fn reset(&mut self, variant: Option<VariantStarts>) {

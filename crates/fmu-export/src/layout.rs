@@ -23,7 +23,7 @@ impl Float64Place {
     /// The place of no variable.
     const EMPTY: Self = Self { offset: Self::NONE, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
-    const fn from_row(row: &ScalarVariable) -> Self {
+    pub(crate) const fn from_row(row: &ScalarVariable) -> Self {
         let variable = row.variable;
         let is_settable = matches!(
             (variable.causality, variable.variability),
@@ -89,6 +89,10 @@ impl<T: Copy, const N: usize> BoundedList<T, N> {
         }
     }
 }
+
+/// The number of scalar variables up to which a model has tables of places by value reference. A larger model finds
+/// places by its rows, which is slower, but takes neither time of the compiler nor space in the binary.
+pub(crate) const MAX_PLACES: usize = 4096;
 
 /// The tables of a model with `N` scalar variables, for constants only: a binary contains those that it uses.
 pub(crate) struct Tables<const N: usize> {
@@ -164,7 +168,7 @@ impl<const N: usize> Tables<N> {
             self.scalars[reference] = place;
         }
         let mut element = 0;
-        while element < in_use {
+        while element < in_use && N <= MAX_PLACES {
             let mut place = place;
             if place.offset != Float64Place::NONE {
                 place.offset += element * size_of::<f64>();
@@ -221,6 +225,11 @@ impl<const N: usize> Tables<N> {
     }
 }
 
+/// A table, if the model is not too large for it; none that is empty is kept in the binary.
+pub(crate) const fn table<T, const N: usize>(all: &'static [T; N]) -> &'static [T] {
+    if N <= MAX_PLACES { all } else { &[] }
+}
+
 /// Whether a new value of a variable is an event: of a discrete input or a tunable parameter.
 const fn is_switch(field: &Declaration) -> bool {
     match field.causality {
@@ -242,7 +251,6 @@ pub(crate) struct ModelInfo {
     pub(crate) rows: &'static [TableRow],
     /// Number of scalar variables; their value references are 0 to `count - 1`.
     pub(crate) count: usize,
-    pub(crate) arrays: &'static [Extent],
     pub(crate) states: &'static [ContinuousState],
     /// Offsets.
     pub(crate) event_indicators: &'static [usize],
@@ -408,15 +416,16 @@ macro_rules! access {
         /// # Safety
         /// At the place are all elements of the field, which are borrowed mutably.
         unsafe fn start(place: *mut u8, field: &Declaration) {
-            let elements = 0..field.start.len().min(field.element_count());
+            let elements = 0..field.start_count();
+            let last = field.start.len().saturating_sub(1);
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
                     $($(TypedStart::$name(values) => for i in elements {
-                        *place.cast::<$type>().add(i) = values[i].to_owned();
+                        *place.cast::<$type>().add(i) = values[i.min(last)].to_owned();
                     },)*)*
                     TypedStart::Enumeration(values, of) => for i in elements {
-                        (*(of.item)(place.byte_add(i * of.size))).set(values[i]);
+                        (*(of.item)(place.byte_add(i * of.size))).set(values[i.min(last)]);
                     },
                 }
             }

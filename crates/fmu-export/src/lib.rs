@@ -86,6 +86,7 @@ mod fast;
 mod initialization;
 mod instance;
 mod laid_out;
+mod large;
 mod layout;
 mod lifecycle;
 mod log;
