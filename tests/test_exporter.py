@@ -135,6 +135,24 @@ def test_settings_that_cannot_be_used_are_refused(fmus: Path) -> None:
         assert message in refusal("Pid", *options)
 
 
+def test_flat_names_are_those_of_settings_xml_and_messages(fmus: Path, tmp_path: Path) -> None:
+    options = ["--naming", "flat", "--set", "pid.kp=1", "--set", "pid_kd=2"]
+    printed("export", "Pid", *options, "--out", tmp_path, cwd=ROOT)
+    with (
+        Component("flat", tmp_path / "Pid.fmu", {"pid_ki": 3.0}) as flat,
+        Component("base", fmus / "Pid.fmu") as base,
+    ):
+        assert flat.description.variableNamingConvention == "flat"
+        assert flat.description.guid != base.description.guid
+        starts = {name.replace(".", "_"): base.variables[name].start for name in base.variables}
+        found = {name: flat.variables[name].start for name in flat.variables}
+        assert found == starts | {"pid_kp": "1", "pid_kd": "2"}
+        flat.initialize(0.0)
+        with pytest.raises(MasterError, match=r"pid_kp = -1 is refused"):
+            flat.set("pid_kp", -1.0)
+    assert "no error, no warning" in run("validate", "--quick", tmp_path / "Pid.fmu").stdout
+
+
 # --- completions ----------------------------------------------------------------------------------
 
 

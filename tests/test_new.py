@@ -150,7 +150,7 @@ def test_binaries_contain_no_path_of_this_machine(workspace: Path, exported: Pat
 # --- the author's files ---------------------------------------------------------------------------
 
 
-def test_version_authors_licence_and_copyright_are_those_of_the_package(exported: Path) -> None:
+def test_metadata_and_naming_are_those_of_the_package(exported: Path) -> None:
     files = read(exported / "Own.fmu")
     root = ElementTree.fromstring(files["modelDescription.xml"])
     page = files["documentation/index.html"].decode()
@@ -162,9 +162,10 @@ def test_version_authors_licence_and_copyright_are_those_of_the_package(exported
         "author": "First Author, Second Author",
         "license": "EUPL-1.2",
         "copyright": "© First Author",
+        "variableNamingConvention": "flat",
     }.items():
         assert root.get(attribute) == value
-        assert value in page, attribute
+        assert value in page or value == "flat", attribute
 
 
 def test_resources_are_found_by_the_model_or_reported(exported: Path, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ pub use crate::table::{
 pub use crate::variables::{
     Choice, HasClone, HasDefault, HasDeserialize, HasSerialize, Variables,
 };
-pub use crate::vocabulary::{Causality, Variability};
+pub use crate::vocabulary::{Causality, Naming, Variability};
 
 /// The elements of an array that are in use.
 #[inline(always)]

@@ -74,7 +74,7 @@ impl ExportedModel {
             .with_some("copyright", origin.copyright.as_ref())
             .with_some("license", origin.license.as_ref())
             .with("generationTool", &origin.generation_tool)
-            .with("variableNamingConvention", "structured");
+            .with("variableNamingConvention", self.naming.as_str());
         let (stop, step) = self.default_experiment;
         // Without an integrator of its own, the model has no tolerance. Hosts that find none would integrate other
         // models with a coarse tolerance.

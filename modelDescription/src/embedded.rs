@@ -15,13 +15,14 @@ const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
 /// copies of each.
 ///
 /// # Errors
-/// A copy is damaged, or of another version of the format.
+/// A copy is damaged, or of another version of the format; two variables get the same flat name.
 pub fn read_interfaces(binary: &[u8]) -> Result<Vec<ExportedModel>> {
     let mut models = Vec::new();
     let mut end = 0;
     while let Some(copy) = next_copy(binary, end)? {
         end = copy.end;
-        let model = description(&binary[copy]).context(DAMAGED)?;
+        let mut model = description(&binary[copy]).context(DAMAGED)?;
+        model.write_names()?;
         if !models.contains(&model) {
             models.push(model);
         }

@@ -1,7 +1,11 @@
 //! The interface of an exported model, as it is read from its binary.
 
+use std::collections::HashMap;
+
+use anyhow::{Result, bail};
 use serde::Deserialize;
 
+use crate::Naming;
 use crate::variable::Variable;
 
 /// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
@@ -24,6 +28,8 @@ pub struct ExportedModel {
     pub is_single_instance: bool,
     /// Whether its state cannot be serialized.
     pub is_unserialized: bool,
+    /// How the names of variables are written.
+    pub naming: Naming,
     /// Stop time and step size of the default experiment (s), which starts at 0.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator; 0 if it has none.
@@ -35,6 +41,37 @@ pub struct ExportedModel {
 }
 
 impl ExportedModel {
+    /// Writes the names of the variables, which are structured, in the naming convention of the model.
+    ///
+    /// # Errors
+    /// Two variables, or elements of arrays, get the same name.
+    pub(crate) fn write_names(&mut self) -> Result<()> {
+        if self.naming == Naming::Structured {
+            return Ok(());
+        }
+        let mut known = HashMap::new();
+        let scalars = self.scalars();
+        let names = scalars
+            .flat_map(|(_, v, element)| v.names().map(move |name| v.element_name(name, element)));
+        for structured in names {
+            let written = self.naming.write(structured.clone());
+            if let Some(other) = known.insert(written.clone(), structured.clone()) {
+                bail!(
+                    "{other} and {structured} of {} both become {written} with naming = \"{}\"; expected other names",
+                    self.name,
+                    self.naming.as_str()
+                );
+            }
+        }
+        for v in &mut self.variables {
+            for name in [&mut v.name].into_iter().chain(&mut v.aliases) {
+                *name = self.naming.write(std::mem::take(name));
+            }
+            v.exported.naming = self.naming;
+        }
+        Ok(())
+    }
+
     /// The scalar variables: their value references, their variables, and their elements.
     pub fn scalars(&self) -> impl Iterator<Item = (usize, &Variable, usize)> {
         (self.variables.iter())

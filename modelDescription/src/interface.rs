@@ -7,7 +7,7 @@
 use crate::hash::{Hash, checksum};
 use crate::scalar::{ScalarVariable, each_variable, length};
 use crate::table::{Bounds, Constant, Declaration, Dynamics, TypedStart, each};
-use crate::{Causality, Initial, Type, Value, Variability};
+use crate::{Causality, Initial, Naming, Type, Value, Variability};
 
 /// All that an FMU binary knows of a model's interface.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +28,8 @@ pub struct Interface {
     pub is_single_instance: bool,
     /// Whether its state cannot be serialized.
     pub is_unserialized: bool,
+    /// How the names of variables are written.
+    pub naming: Naming,
     /// Stop time and communication step size (s) of the default experiment.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
@@ -36,6 +38,13 @@ pub struct Interface {
     pub scalars: &'static [ScalarVariable],
     /// Start values that differ from the table.
     pub overrides: StartOverrides,
+}
+
+impl Interface {
+    /// With the naming convention that the exporter chooses; see [`Naming::chosen`].
+    pub const fn named(self, chosen: Option<&str>, of_model: Option<Naming>) -> Self {
+        Self { naming: Naming::chosen(chosen, of_model), ..self }
+    }
 }
 
 /// Start values of a variant by value reference, in the text that the exporter passes to the compiler: for
@@ -197,6 +206,9 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     });
     let mut hash =
         Hash::new().text(interface.name).bytes(&[interface.is_sampled as u8, has_equations as u8]);
+    if matches!(interface.naming, Naming::Flat) {
+        hash = hash.text(interface.naming.as_str());
+    }
     each_variable!(_i, scalar in interface.scalars => { hash = identify(scalar, hash); });
     let mut overrides = interface.overrides;
     while let Some((start, rest)) = overrides.next() {
@@ -371,6 +383,7 @@ impl<const N: usize> CopyWriter<N> {
         self.raw(&[interface.is_sampled as u8, interface.is_continuous as u8]);
         self.raw(&[interface.has_log as u8, interface.is_unsaved as u8]);
         self.raw(&[interface.is_single_instance as u8, interface.is_unserialized as u8]);
+        self.raw(&[interface.naming as u8]);
         let (stop_time, step_size) = interface.default_experiment;
         self.raw(&stop_time.to_le_bytes());
         self.raw(&step_size.to_le_bytes());

@@ -32,6 +32,7 @@ pub mod hash;
 pub mod interface;
 #[cfg(feature = "xml")]
 pub mod model;
+mod naming;
 #[cfg(feature = "table")]
 pub mod scalar;
 #[cfg(feature = "table")]
@@ -72,4 +73,4 @@ pub use value::Value;
 pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
 #[cfg(feature = "table")]
 pub use variables::{Choice, Variables};
-pub use vocabulary::{Causality, Initial, LogCategory, Type, Variability};
+pub use vocabulary::{Causality, Initial, LogCategory, Naming, Type, Variability};

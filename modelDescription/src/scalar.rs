@@ -4,7 +4,7 @@ use crate::hash::Hash;
 use crate::table::{
     Bounds, Constant, Declaration, Dynamics, MAX_DEPTH, TableRow, TypedStart, each,
 };
-use crate::{Causality, Variability};
+use crate::{Causality, Naming, Variability};
 
 /// As [`each`], over the first scalars of all variables.
 macro_rules! each_variable {
@@ -31,6 +31,8 @@ pub struct ScalarVariable {
     pub element: usize,
     /// Offset of the innermost struct that contains the variable, in the outermost one, in bytes.
     pub offset: usize,
+    /// How its name is written.
+    pub naming: Naming,
 }
 
 impl ScalarVariable {
@@ -58,7 +60,7 @@ impl ScalarVariable {
     /// The full name, such as `rbf.w[2]`.
     pub fn name(&self) -> String {
         let name = self.name_parts().concat();
-        element_name(&name, self.variable.dimensions, self.element)
+        self.naming.write(element_name(&name, self.variable.dimensions, self.element))
     }
 
     /// Hash of a name in the group of the variable.
@@ -221,8 +223,13 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariab
         has_input_derivative: false,
         terminal: "",
     };
-    let mut all =
-        [ScalarVariable { variable: NONE, prefixes: [""; MAX_DEPTH], element: 0, offset: 0 }; N];
+    let mut all = [ScalarVariable {
+        variable: NONE,
+        prefixes: [""; MAX_DEPTH],
+        element: 0,
+        offset: 0,
+        naming: Naming::Structured,
+    }; N];
     let mut i = 0;
     while let Some(first) = scalar_at(rows, i) {
         all[i] = first;
@@ -246,7 +253,13 @@ const fn scalar_in_group(
     each!(row in rows => {
         match row {
             TableRow::Variable(variable) if *index < variable.element_count() => {
-                return Some(ScalarVariable { variable, prefixes, element: *index, offset: base });
+                return Some(ScalarVariable {
+                    variable,
+                    prefixes,
+                    element: *index,
+                    offset: base,
+                    naming: Naming::Structured,
+                });
             }
             TableRow::Variable(variable) => *index -= variable.element_count(),
             TableRow::Group { prefix, offset, rows } => {

@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::scalar::element_name;
 use crate::table::Bounds;
-use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value};
+use crate::{Causality, Dynamics, Initial, Naming, Type, Value, Variability, value};
 
 /// A variable: a scalar, or an array. The copy in a binary has its fields in this order. The default is a
 /// continuous local Float64 without a name.
@@ -70,6 +70,9 @@ pub struct ExportInfo {
     pub depends_on: Vec<usize>,
     /// Its terminal, and its name there, as `terminal.member`; empty if it is in none.
     pub terminal: String,
+    /// How the names of its elements are written; known of the model, and not copied for each variable.
+    #[serde(skip)]
+    pub naming: Naming,
 }
 
 /// A type that a model description defines.
@@ -108,7 +111,7 @@ impl Variable {
 
     /// The name of an element of an array, such as `w[1,2]`, from its name or an alias.
     pub fn element_name(&self, name: &str, element: usize) -> String {
-        element_name(name, &self.dimensions, element)
+        self.exported.naming.write(element_name(name, &self.dimensions, element))
     }
 
     /// The start value of an element.

@@ -81,6 +81,15 @@ words! {
         Calculated = "calculated",
     }
 
+    /// How the names of variables are written (FMI 2.0.5, section 2.2.9).
+    Naming {
+        /// With periods between parts, and indices in brackets: `pid.kp`, `rbf.w[1]`.
+        #[default]
+        Structured = "structured",
+        /// Without a structure: `pid_kp`, `rbf_w_1`.
+        Flat = "flat",
+    }
+
     /// The type of a variable (FMI 3.0.2, section 2.2.3). A Real of FMI 2.0 is a Float64, and an Integer an
     /// Int32.
     Type {

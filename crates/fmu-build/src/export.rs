@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use fmu_description::{ExportedModel, FmiVersion, read_interfaces};
+use fmu_description::{ExportedModel, FmiVersion, Naming, read_interfaces};
 use fmu_file::archive::{self, MODEL_DESCRIPTION, Packed};
 #[cfg(not(feature = "wasm"))]
 use fmu_file::platform::TARGET_WASM;
@@ -37,6 +37,10 @@ pub struct ExportOptions {
     /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
     #[arg(long = "fmi", value_name = "VERSION", value_delimiter = ',', default_value = "2.0", value_parser = version())]
     pub versions: Vec<FmiVersion>,
+    /// Names of variables: structured as pid.kp and w[1], or flat as pid_kp and w_1, for tools such as Simulink
+    /// [default: as the package says, or structured]
+    #[arg(long, value_name = "CONVENTION", value_parser = naming())]
+    pub naming: Option<Naming>,
     /// Leave out variables of types that FMI 2.0 lacks, instead of refusing the model
     #[arg(long)]
     pub omit_unsupported: bool,
@@ -66,6 +70,11 @@ pub struct ExportOptions {
 fn version() -> impl TypedValueParser<Value = FmiVersion> {
     let numbers = PossibleValuesParser::new(FmiVersion::ALL.map(FmiVersion::as_str));
     numbers.map(|number| FmiVersion::named(Some(&number)).unwrap_or_default())
+}
+
+fn naming() -> impl TypedValueParser<Value = Naming> {
+    let names = PossibleValuesParser::new([Naming::Structured, Naming::Flat].map(Naming::as_str));
+    names.map(|name| Naming::parse(&name).unwrap_or_default())
 }
 
 /// An FMU that was written.
@@ -276,10 +285,18 @@ impl<'a> Builder<'a> {
             .args(self.options.selection.cargo_arguments())
             .args(profile.iter().flat_map(|setting| ["--config", setting]))
             .without_local_paths(self.metadata, recipe.sources().as_deref());
-        match variant {
-            Some(variant) => build.env("FMU_EXPORT_VARIANT", variant),
-            None => build.without_env("FMU_EXPORT_VARIANT"),
+        // What `export!` reads at compile time; of the naming, see `Naming::chosen`.
+        let naming = match (self.options.naming, library.naming) {
+            (Some(chosen), _) => Some(chosen.as_str().to_owned()),
+            (None, of_package) => of_package.map(|naming| format!("package:{}", naming.as_str())),
         };
+        let variant = variant.map(str::to_owned);
+        for (name, value) in [("FMU_EXPORT_VARIANT", variant), ("FMU_EXPORT_NAMING", naming)] {
+            match value {
+                Some(value) => build.env(name, &value),
+                None => build.without_env(name),
+            };
+        }
         if self.options.selection.profile() != "dev" {
             build.env("CARGO_INCREMENTAL", "0");
         }

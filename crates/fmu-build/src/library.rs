@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
 use clap::Args;
-use fmu_description::{FmiVersion, Origin};
+use fmu_description::{FmiVersion, Naming, Origin};
 
 use crate::cargo::RELEASE;
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
@@ -46,6 +46,8 @@ pub struct ModelLibrary {
     pub folder: PathBuf,
     /// Version, author and licence for the XML.
     pub origin: Origin,
+    /// How the names of variables are written, if the package says so.
+    pub naming: Option<Naming>,
     /// The file of `license-file`.
     pub license_file: Option<PathBuf>,
     /// The name of the crate `fmu-export` in its manifest.
@@ -153,6 +155,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<ModelLibrary> {
         target: target.name.clone(),
         folder: folder.context("a manifest has a folder")?.into(),
         origin: origin(package),
+        naming: naming(package)?,
         license_file: package.license_file().map(Into::into),
         dependency: renamed.unwrap_or_else(|| FMU_EXPORT.to_owned()),
     })
@@ -221,6 +224,18 @@ fn origin(package: &Package) -> Origin {
         license: package.license.clone().or_else(|| Some(license_file?.file_name()?.to_owned())),
         generation_tool: concat!("cargo-fmu ", env!("CARGO_PKG_VERSION")).into(),
     }
+}
+
+/// `naming` in `[package.metadata.fmu]`.
+fn naming(package: &Package) -> Result<Option<Naming>> {
+    let found = &package.metadata["fmu"]["naming"];
+    let known = found.as_str().and_then(Naming::parse);
+    ensure!(
+        found.is_null() || known.is_some(),
+        "{}: naming = {found} in [package.metadata.fmu]; expected \"flat\" or \"structured\"",
+        package.manifest_path
+    );
+    Ok(known)
 }
 
 impl ModelLibrary {

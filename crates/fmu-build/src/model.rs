@@ -70,7 +70,8 @@ pub fn omitted(
     let variables = model.inexpressible(version);
     for (v, reason) in &variables {
         let is_set = |(name, _): &&(String, String)| {
-            (0..v.element_count()).any(|element| v.element_name(&v.name, element) == *name)
+            let name = model.naming.write(name.clone());
+            (0..v.element_count()).any(|element| v.element_name(&v.name, element) == name)
         };
         if let Some((name, text)) = variant.settings.iter().find(is_set) {
             bail!(
@@ -137,11 +138,13 @@ impl Variant {
     }
 }
 
-/// The value reference of a variable, and its start value from a text.
+/// The value reference of a variable with this name, structured or as the model writes it, and its start value from
+/// a text.
 fn value(model: &ExportedModel, name: &str, text: &str) -> Result<(usize, Value)> {
+    let written = model.naming.write(name.to_owned());
     let mut scalars = model.scalars();
     let found = scalars
-        .find(|(_, v, element)| v.names().any(|known| v.element_name(known, *element) == name));
+        .find(|(_, v, element)| v.names().any(|known| v.element_name(known, *element) == written));
     let Some((reference, variable, _)) = found else {
         let settable = model.scalars().filter(|(_, v, _)| has_start(v));
         let names: Vec<_> =
@@ -160,7 +163,7 @@ fn has_start(variable: &Variable) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use fmu_description::xml;
+    use fmu_description::{Naming, xml};
 
     use super::*;
 
@@ -209,6 +212,20 @@ mod tests {
             ("target", "2", (10, Value::Enumeration(2))),
         ] {
             assert_eq!(value_of(name, text), Ok(expected), "{name}={text}");
+        }
+    }
+
+    #[test]
+    fn a_variable_of_a_model_with_flat_names_has_two_names() {
+        let mut model = model();
+        model.naming = Naming::Flat;
+        for v in &mut model.variables {
+            v.name = Naming::Flat.write(v.name.clone());
+            v.exported.naming = Naming::Flat;
+        }
+        for (name, reference) in [("pid.kp", 1), ("pid_kp", 1), ("w[2]", 3), ("w_2", 3)] {
+            let found = value(&model, name, "1").unwrap();
+            assert_eq!(found, (reference, Value::Float64(1.0)), "{name}");
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 
+use fmu_description::Naming;
 use fmu_description::words::is_identifier;
 use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
@@ -107,6 +108,7 @@ pub const MODEL: (&str, &[KnownOption]) = (
         ("stop_time", expression),
         ("step_size", expression),
         ("tolerance", expression),
+        ("naming", naming),
         ("crate", expression),
     ],
 );
@@ -300,6 +302,18 @@ fn path(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
 
 fn name(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     Ok(OptionValue::Text(quoted_or_not(meta.value()?)?))
+}
+
+/// A naming convention.
+fn naming(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    let name: LitStr = meta.value()?.parse()?;
+    match Naming::parse(&name.value()) {
+        Some(_) => Ok(OptionValue::Text(name)),
+        None => {
+            let what = format!("{:?} is no naming convention", name.value());
+            error(name, format!("{what}; expected \"flat\" or \"structured\""))
+        }
+    }
 }
 
 /// The name of a terminal and of a member, separated by a period.

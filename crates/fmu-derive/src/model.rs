@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use fmu_description::Naming;
 use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
@@ -132,6 +133,12 @@ fn model(
             }
         }
     });
+    let naming = match options.text("naming").map(LitStr::value).as_deref().and_then(Naming::parse)
+    {
+        Some(Naming::Flat) => quote!(Some(#krate::derive::Naming::Flat)),
+        Some(Naming::Structured) => quote!(Some(#krate::derive::Naming::Structured)),
+        None => quote!(None),
+    };
     let has_log = log.is_some();
     let log = log.map(|Field { ident, .. }| {
         let log = respan(ident.span(), quote!(&mut self.#ident));
@@ -166,6 +173,8 @@ fn model(
             const TOLERANCE: f64 = #tolerance;
             const HAS_LOG: bool = #has_log;
             const IS_SINGLE_INSTANCE: bool = #is_single_instance;
+            const NAMING: ::core::option::Option<#krate::derive::Naming> =
+                ::core::option::Option::#naming;
         }
 
         #[allow(unused_variables)]

@@ -5,7 +5,7 @@ use std::any::Any;
 use dormand_prince::solver::{Advanced, Step, Workspace};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::{
-    Causality, Dynamics, StartOverrides, StateError, StateReader, StateWriter, Value,
+    Causality, Dynamics, Naming, StartOverrides, StateError, StateReader, StateWriter, Value,
 };
 
 use crate::error::ModelError;
@@ -18,6 +18,8 @@ use crate::model::Behavior;
 /// A model of any type. The functions on `dyn AnyModel` are compiled once.
 pub(crate) trait AnyModel: Any {
     fn info(&self) -> &'static ModelInfo;
+    /// How the names of variables are written.
+    fn naming(&self) -> Naming;
     /// The model in memory, with its variables at the offsets of the table.
     fn memory(&mut self) -> *mut u8;
     /// The elements of the variable whose first element has the given value reference; `None` for other references.
@@ -84,7 +86,8 @@ impl dyn AnyModel {
 
     /// The scalar variable with the given value reference.
     pub(crate) fn scalar_at(&self, reference: u32) -> Option<ScalarVariable> {
-        scalar::scalar_at(self.info().rows, reference as usize)
+        let scalar = scalar::scalar_at(self.info().rows, reference as usize)?;
+        Some(ScalarVariable { naming: self.naming(), ..scalar })
     }
 
     pub(crate) fn get(&mut self, scalar: &ScalarVariable) -> Value {

@@ -6,11 +6,11 @@ use fmi_abi::FmiVersion;
 use fmu_description::checks::{check, fail};
 use fmu_description::hash::checksum;
 use fmu_description::interface::guid;
-use fmu_description::{Interface, StartOverrides};
+use fmu_description::{Interface, Naming, StartOverrides};
 
 use crate::any_model::VariantStarts;
 use crate::fast;
-use crate::instance::{Guid, Settings};
+use crate::instance::{Guid, Identity, Settings};
 use crate::laid_out::LaidOut;
 use crate::lifecycle::InstanceType;
 use crate::model::Model;
@@ -21,9 +21,10 @@ pub struct Entry {
     name: &'static str,
     variant: Option<VariantStarts>,
     guid: Guid,
+    naming: Naming,
     /// Whether the host may integrate the model, which therefore has events.
     is_for_model_exchange: bool,
-    create: fn(Settings, (&'static Guid, Option<VariantStarts>)) -> Option<Pointer>,
+    create: fn(Settings, Identity) -> Option<Pointer>,
     #[cfg(target_arch = "wasm32")]
     pub(crate) needs: crate::needs::Needs,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
@@ -52,6 +53,7 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         is_unsaved: M::IS_UNSAVED || M::IS_SINGLE_INSTANCE,
         is_single_instance: M::IS_SINGLE_INSTANCE,
         is_unserialized: M::IS_UNSERIALIZED || M::IS_SINGLE_INSTANCE,
+        naming: Naming::chosen(None, M::NAMING),
         default_experiment: M::DEFAULT_EXPERIMENT,
         tolerance: M::TOLERANCE,
         scalars,
@@ -72,6 +74,7 @@ impl Entry {
             name: interface.name,
             variant: VariantStarts::new(interface.overrides),
             guid: guid(&interface),
+            naming: interface.naming,
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: fast::create::<M, N>,
             #[cfg(target_arch = "wasm32")]
@@ -111,7 +114,9 @@ impl Entry {
     /// # Errors
     /// The process has an instance, and can have one only.
     pub(crate) fn create(&'static self, settings: Settings) -> Result<Pointer, String> {
-        let created = (self.create)(settings, (&self.guid, self.variant));
+        let Self { guid, variant, naming, .. } = self;
+        let identity = Identity { guid, variant: *variant, naming: *naming };
+        let created = (self.create)(settings, identity);
         created.ok_or_else(|| {
             format!(
                 "this process has an instance of {} already, and can have one only: \

@@ -12,9 +12,9 @@ use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use fmi_abi::state::State;
 
-use crate::any_model::{AnyModel, VariantStarts};
+use crate::any_model::AnyModel;
 use crate::error::ModelError;
-use crate::instance::{Guid, Instance, Settings, Status, StepEnd};
+use crate::instance::{Identity, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
 use crate::large::{self, Part};
 use crate::layout::{Extent, Float64Place, elements_in_use, float64_at};
@@ -96,13 +96,13 @@ pub(crate) unsafe fn free(pointer: Pointer) {
 /// Creates an instance of the model `M` with `N` scalar variables; `None` if the process can have one only, and has it.
 pub(crate) fn create<M: Model, const N: usize>(
     mut settings: Settings,
-    (guid, variant): (&'static Guid, Option<VariantStarts>),
+    identity: Identity,
 ) -> Option<Pointer> {
     if let Some(single) = M::single_instance() {
         settings.place = Some(Box::new(single.take()?));
     }
-    let model = LaidOut::<M, N>::new(variant);
-    Some(Box::into_raw(HostedInstance::new(settings, (guid, variant), model)).cast())
+    let model = LaidOut::<M, N>::new(identity.variant, identity.naming);
+    Some(Box::into_raw(HostedInstance::new(settings, identity, model)).cast())
 }
 
 impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
@@ -122,11 +122,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         free: Self::free,
     };
 
-    pub(crate) fn new(
-        settings: Settings,
-        identity: (&'static Guid, Option<VariantStarts>),
-        model: LaidOut<M, N>,
-    ) -> Box<Self> {
+    pub(crate) fn new(settings: Settings, identity: Identity, model: LaidOut<M, N>) -> Box<Self> {
         let instance = Instance::new(settings, identity, model);
         let is_stepped_in_parts = instance.shared.settings.is_stepped_in_parts();
         Box::new(Self { head: Head { vtable: &Self::VTABLE, is_stepped_in_parts }, instance })

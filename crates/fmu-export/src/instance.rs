@@ -11,7 +11,7 @@ use dormand_prince::solver::Workspace;
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FmiVersion};
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{LogCategory, Variability};
+use fmu_description::{LogCategory, Naming, Variability};
 
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::error::{ModelError, Severity, ensure};
@@ -91,6 +91,14 @@ pub(crate) struct EventUpdate {
 /// A GUID as text.
 pub(crate) type Guid = [u8; GUID_LENGTH];
 
+/// Which model of a library an instance is of.
+#[derive(Clone, Copy)]
+pub(crate) struct Identity {
+    pub(crate) guid: &'static Guid,
+    pub(crate) variant: Option<VariantStarts>,
+    pub(crate) naming: Naming,
+}
+
 /// An intermediate update, in which the host may call functions of the instance.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct IntermediateUpdate {
@@ -132,7 +140,7 @@ pub(crate) struct Shared {
 impl<M: AnyModel> Instance<M> {
     pub(crate) fn new(
         settings: Settings,
-        (guid, variant): (&'static Guid, Option<VariantStarts>),
+        Identity { guid, variant, .. }: Identity,
         mut model: M,
     ) -> Self {
         (&mut model as &mut dyn AnyModel).connect_log(&settings.log);

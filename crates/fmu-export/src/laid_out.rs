@@ -5,7 +5,7 @@ use std::any::Any;
 use dormand_prince::solver::{self, Advanced, Step, Workspace};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::table::Declaration;
-use fmu_description::{Causality, StateError, StateReader, StateWriter};
+use fmu_description::{Causality, Naming, StateError, StateReader, StateWriter};
 
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::equations::ModelEquations;
@@ -22,6 +22,8 @@ pub(crate) struct LaidOut<M, const N: usize> {
     pub(crate) model: M,
     /// Whether a variant uses fewer elements of an array than the table.
     pub(crate) has_fewer_elements: bool,
+    /// How the names of variables are written.
+    naming: Naming,
 }
 
 impl<M: Model, const N: usize> LaidOut<M, N> {
@@ -61,12 +63,12 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     pub(crate) const VARIABLES: &'static [Float64Place] = table(&const { Self::TABLES.variables });
     pub(crate) const ARRAYS: &'static [Extent] = table(&const { Self::TABLES.arrays });
 
-    pub(crate) fn with_model(model: M) -> Self {
-        Self { model, has_fewer_elements: false }
+    pub(crate) fn with_model(model: M, naming: Naming) -> Self {
+        Self { model, has_fewer_elements: false, naming }
     }
 
-    pub(crate) fn new(variant: Option<VariantStarts>) -> Self {
-        let mut new = Self::with_model(M::new());
+    pub(crate) fn new(variant: Option<VariantStarts>, naming: Naming) -> Self {
+        let mut new = Self::with_model(M::new(), naming);
         new.has_fewer_elements = variant.is_some_and(|variant| variant.set(&mut new));
         new
     }
@@ -75,6 +77,10 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
 impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
     fn info(&self) -> &'static ModelInfo {
         &const { Self::INFO }
+    }
+
+    fn naming(&self) -> Naming {
+        self.naming
     }
 
     #[inline(always)]
@@ -90,7 +96,7 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
     }
 
     fn reset(&mut self, variant: Option<VariantStarts>) {
-        *self = Self::new(variant);
+        *self = Self::new(variant, self.naming);
     }
 
     fn renew(&mut self) {
@@ -159,7 +165,7 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
     }
 
     fn copy(&self) -> Box<dyn AnyModel> {
-        Box::new(Self { model: self.model.copy(), has_fewer_elements: self.has_fewer_elements })
+        Box::new(Self { model: self.model.copy(), ..*self })
     }
 
     fn assign(&mut self, from: &dyn AnyModel) -> bool {

@@ -156,7 +156,8 @@ macro_rules! export {
         pub static MODELS: &[$crate::Entry] = &$crate::Entry::all([$({
             const COUNT: usize = <$model as $crate::Variables>::COUNT;
             const INTERFACE: $crate::derive::Interface =
-                $crate::interface::<$model, COUNT>(option_env!("FMU_EXPORT_VARIANT"));
+                $crate::interface::<$model, COUNT>(option_env!("FMU_EXPORT_VARIANT"))
+                    .named(option_env!("FMU_EXPORT_NAMING"), <$model as $crate::Model>::NAMING);
             #[used]
             static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
                 $crate::embedded::write(&INTERFACE);

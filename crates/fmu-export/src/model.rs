@@ -5,7 +5,7 @@ use std::any::Any;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-use fmu_description::Variables;
+use fmu_description::{Naming, Variables};
 
 use crate::error::ModelError;
 use crate::layout::set_start_values;
@@ -33,6 +33,8 @@ pub trait Model: Variables + Behavior {
     const IS_SINGLE_INSTANCE: bool = false;
     /// Whether it has a [`Log`].
     const HAS_LOG: bool = false;
+    /// How the names of its variables are written, if the model says so.
+    const NAMING: Option<Naming> = None;
     /// Stop time and communication step size (s) of the default experiment.
     const DEFAULT_EXPERIMENT: (f64, f64);
     /// Relative tolerance of its integrator; 0 if it has none.

@@ -9,15 +9,14 @@ use std::rc::Rc;
 use fmi_abi::fmi2::calls;
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FmiVersion};
-use fmu_description::ScalarVariable;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{Causality, LogCategory};
+use fmu_description::{Causality, LogCategory, Naming, ScalarVariable};
 
 pub use fmu_description::Value;
 
 use crate::error::{ModelError, Severity, ensure};
 use crate::fast::HostedInstance;
-use crate::instance::{Edge, Instance, Settings, Status};
+use crate::instance::{Edge, Identity, Instance, Settings, Status};
 use crate::laid_out::LaidOut;
 use crate::log::Log;
 use crate::model::Model;
@@ -50,8 +49,10 @@ pub struct DrivenInstance(Box<HostedInstance>);
 pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
     let resources = Err("the test has set no folder of resources".to_owned());
     let settings = Settings::new(&EDGE, Log::new(None, false), resources);
-    let identity = (&[0; GUID_LENGTH], None);
-    DrivenInstance(HostedInstance::new(settings, identity, LaidOut::<M, N>::with_model(model)))
+    let naming = Naming::chosen(None, M::NAMING);
+    let identity = Identity { guid: &[0; GUID_LENGTH], variant: None, naming };
+    let model = LaidOut::<M, N>::with_model(model, naming);
+    DrivenInstance(HostedInstance::new(settings, identity, model))
 }
 
 /// An instance of a model in co-simulation, for tests: it takes samples at their instants, integrates equations,
@@ -230,7 +231,7 @@ impl<M: Drive> Driver<M> {
         self.origin + self.count * self.size
     }
 
-    /// Sets a variable by its name in the FMU, as a host does. Numbers of any type stand for others.
+    /// Sets a variable by its structured or flat name, as a host does by its name in the FMU. Numbers of any type stand for others.
     ///
     /// # Errors
     /// There is no such variable, it cannot be set now, or not to this value.
@@ -250,7 +251,7 @@ impl<M: Drive> Driver<M> {
         self.result(status)
     }
 
-    /// The value of a variable with a name in the FMU; of an enumeration, the number of the item.
+    /// The value of a variable with a structured or flat name; of an enumeration, the number of the item.
     ///
     /// # Errors
     /// There is no such variable, or its value cannot be computed.
@@ -295,7 +296,12 @@ impl<M: Drive> Driver<M> {
         let all = (0..count).filter_map(|reference| {
             Some((reference, self.hosted.instance.model.scalar_at(reference)?))
         });
-        let found = all.clone().find(|(_, scalar)| scalar.name() == name);
+        let flat = Naming::Flat.write(name.to_owned());
+        let exact = all.clone().find(|(_, scalar)| scalar.name() == name);
+        let found = exact.or_else(|| {
+            let mut all = all.clone();
+            all.find(|(_, scalar)| Naming::Flat.write(scalar.name()) == flat)
+        });
         found.ok_or_else(|| {
             let names: Vec<String> = all.map(|(_, scalar)| scalar.name()).collect();
             let names = names.join(", ");

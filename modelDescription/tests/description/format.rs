@@ -6,7 +6,7 @@ use fmu_description::interface::{GUID_LENGTH, size, write};
 use fmu_export::prelude::*;
 
 /// The version of the format, and a hash of a copy in it.
-const FORMAT: (u32, u128) = (9, 0x25bff9a85b440f364d4532d94fdea006);
+const FORMAT: (u32, u128) = (9, 0x89c44737422a8db66e2482bea84cd088);
 
 /// A model with everything that a copy can have; it never changes.
 #[derive(Model)]

@@ -17,7 +17,7 @@ use fmu_description::{
     read_interfaces,
 };
 use fmu_export::prelude::*;
-use models::{Fan, Gauges, Lists, Renamed, Reservoir, Sizes, Spring};
+use models::{Fan, Gauges, Lists, Renamed, Reservoir, Sizes, Spring, Twins};
 use proptest::prelude::*;
 
 /// Defines the interface and the copy of a model or a variant of it.
@@ -41,6 +41,7 @@ interfaces! {
     GAUGES GAUGES_COPY: Gauges, None;
     FAN FAN_COPY: Fan, None;
     RENAMED RENAMED_COPY: Renamed, None;
+    TWINS TWINS_COPY: Twins, None;
     LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:1:3");
 }
 
@@ -48,6 +49,12 @@ interfaces! {
 const SMALL_VARIANT: &str =
     "Tank=SmallTank;1:19:46026788191726469122:19:46218191175889715207:1:38:6:r\u{e9}:1;9:1:0";
 const OTHER_VARIANT: &str = "Sizes=Other;5:20:184467440737095516157:4:01230:19:4599075939685498880";
+
+/// Models with flat names.
+const FLAT: Interface = TANK.named(Some("flat"), None);
+static FLAT_COPY: [u8; size(&FLAT)] = write(&FLAT);
+const FLAT_RENAMED: Interface = RENAMED.named(Some("flat"), None);
+static FLAT_RENAMED_COPY: [u8; size(&FLAT_RENAMED)] = write(&FLAT_RENAMED);
 
 fn description(copy: &[u8]) -> ExportedModel {
     let mut models = read_interfaces(copy).unwrap();
@@ -233,6 +240,46 @@ fn in_fmi_3_a_former_name_is_an_alias() {
     ] {
         assert!(document.contains(expected), "{expected}");
     }
+}
+
+#[test]
+fn flat_names_have_no_structure_but_arrays_stay_arrays() {
+    let (tank, flat) = (description(&TANK_COPY), description(&FLAT_COPY));
+    assert_ne!(flat.guid, tank.guid);
+    let names = |model: &ExportedModel, version| -> Vec<String> {
+        read(&xml(model, version)).into_iter().map(|v| v.name).collect()
+    };
+    assert_eq!(
+        names(&flat, FmiVersion::Fmi2)[..6],
+        ["inflow", "opening_1_1", "opening_1_2", "flow", "valve_flow_1_1", "valve_flow_1_2"]
+    );
+    assert_eq!(
+        names(&flat, FmiVersion::Fmi3)[..6],
+        ["inflow", "opening", "flow", "valve_flow", "pump_head", "pump_speed"]
+    );
+    for version in FmiVersion::ALL {
+        // Nothing but the names and the GUID differs.
+        let mut expected = xml(&tank, version).replace(&tank.guid, &flat.guid);
+        expected = expected.replace("=\"structured\"", "=\"flat\"");
+        for (own, other) in names(&tank, version).iter().zip(names(&flat, version)) {
+            expected = expected.replace(&format!(" name=\"{own}\""), &format!(" name=\"{other}\""));
+        }
+        assert_eq!(xml(&flat, version), expected);
+    }
+    let terminals = flat.terminals(false).unwrap().unwrap().document().unwrap();
+    assert!(terminals.contains("variableName=\"opening\""), "{terminals}");
+    let former = names(&description(&FLAT_RENAMED_COPY), FmiVersion::Fmi2);
+    for alias in ["mass_s", "der_mass_s", "gains_1", "k_2"] {
+        assert!(former.iter().any(|name| name == alias), "{former:?}");
+    }
+    let error = read_interfaces(&TWINS_COPY).unwrap_err().to_string();
+    assert_eq!(
+        error,
+        "pid_w[2] and pid.w_2 of Twins both become pid_w_2 with naming = \"flat\"; expected other names"
+    );
+    let structured = TWINS.named(Some("structured"), Some(fmu_description::Naming::Flat));
+    assert_eq!(TWINS.naming, fmu_description::Naming::Flat);
+    assert_ne!(guid(&structured), guid(&TWINS));
 }
 
 /// The valid variables of a document, without their elements.

@@ -14,7 +14,7 @@ macro_rules! does_nothing {
         )*
     };
 }
-does_nothing!(Reservoir Sizes Lists Fan);
+does_nothing!(Reservoir Sizes Lists Fan Twins);
 
 /// A tank with two valves
 #[derive(Model)]
@@ -276,4 +276,19 @@ impl Continuous for Renamed {
     fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
         Ok(())
     }
+}
+
+/// Two names that are equal without their structure
+#[derive(Model)]
+#[model(naming = "flat")]
+pub struct Twins {
+    /// gain
+    #[parameter(name = "pid.kp")]
+    nested: f64,
+    /// gains
+    #[parameter(name = "pid_w")]
+    gains: [f64; 2],
+    /// another gain
+    #[parameter(name = "pid.w_2")]
+    other: f64,
 }

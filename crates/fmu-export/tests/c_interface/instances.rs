@@ -145,7 +145,30 @@ const SMALL: Interface =
 static VARIANTS: &[Entry] = &[
     Entry::new::<Every, N>(FAST, &[]),
     Entry::new::<Sampled, { Sampled::COUNT as usize }>(SMALL, &[]),
+    Entry::new::<Every, N>(FLAT, &[]),
 ];
+/// With flat names.
+const FLAT: Interface = interface::<Every, N>(None).named(Some("package:flat"), None);
+
+#[test]
+fn messages_have_the_names_that_the_host_knows() {
+    for kind in PLAIN {
+        for (models, entry, bias) in [(MODELS, EVERY, "part.bias"), (VARIANTS, 2, "part_bias")] {
+            let token = Some(CString::new(models[entry].guid()).unwrap());
+            let it = Arguments::new(kind, EVERY).make(|a| (a.models, a.token) = (models, token));
+            for _ in 0..2 {
+                it.start(0.0, None);
+                it.refuses(&format!("{bias} = NaN is refused"), |f| f.set(BIAS, f64::NAN));
+                if kind.0 == Fmi2 {
+                    let element = if entry == EVERY { "vector[3]" } else { "vector_3" };
+                    let words = format!("{element} = 11 is refused");
+                    it.refuses(&words, |f| f.set(VECTOR + 2, 11.0));
+                }
+                ok([it.reset()]);
+            }
+        }
+    }
+}
 
 #[test]
 fn a_variant_is_another_model_that_starts_with_its_own_values() {

@@ -37,4 +37,9 @@ struct Misspelled {
     /** another word */ #[parameter(default = 1)] default: f64,
 }
 
+/// Another convention
+#[derive(Model)]
+#[model(naming = "simulink")]
+struct UnknownNaming {}
+
 fn main() {}
