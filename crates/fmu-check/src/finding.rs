@@ -111,6 +111,7 @@ impl Group {
 #[derive(Debug)]
 pub struct Findings {
     groups: Vec<Group>,
+    hints: Vec<String>,
     /// Maximum number kept of each rule.
     keep: usize,
     version: FmiVersion,
@@ -132,7 +133,7 @@ impl Findings {
 
     /// Keeps the first `keep` findings of each rule.
     pub fn keeping(keep: usize) -> Self {
-        Self { groups: Vec::new(), keep, version: FmiVersion::Fmi2 }
+        Self { groups: Vec::new(), hints: Vec::new(), keep, version: FmiVersion::Fmi2 }
     }
 
     /// The version of FMI whose rules apply.
@@ -179,6 +180,17 @@ impl Findings {
     /// The rules with findings, in the order of their first findings.
     pub fn groups(&self) -> &[Group] {
         &self.groups
+    }
+
+    /// Adds a hint.
+    pub(crate) fn add_hint(&mut self, text: &str) {
+        // The text may quote the FMU.
+        self.hints.push(plain(text, Self::MAX_LENGTH));
+    }
+
+    /// What is right, but may be another way than the user of some tool wants it.
+    pub fn hints(&self) -> &[String] {
+        &self.hints
     }
 
     /// Number of errors.

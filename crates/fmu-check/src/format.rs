@@ -30,6 +30,7 @@ pub fn json(files: &[(PathBuf, Findings)]) -> Value {
             "errors": findings.errors(),
             "warnings": findings.warnings(),
             "rules": rules.collect::<Vec<_>>(),
+            "hints": findings.hints(),
         })
     };
     json!({
@@ -48,6 +49,10 @@ pub fn sarif(files: &[(PathBuf, Findings)]) -> Value {
     for (file, findings) in files {
         let (file, fmu) = (file.to_string_lossy(), artifacts.len());
         artifacts.push(json!({ "location": { "uri": uri(&file) } }));
+        for hint in findings.hints() {
+            notes
+                .push(json!({ "level": "note", "message": { "text": format!("{file}: {hint}") } }));
+        }
         let mut inside = HashMap::from([("archive", fmu)]);
         for group in findings.groups() {
             for finding in &group.kept {

@@ -107,6 +107,9 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
             writeln!(out, "{file}: and {number} more of this kind: {id}")?;
         }
     }
+    for hint in findings.hints() {
+        writeln!(out, "{file}: hint: {hint}")?;
+    }
     let count = |number: usize, what: &str| match number {
         0 => format!("no {what}"),
         _ => ui::count(number, what),

@@ -4,7 +4,9 @@ use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
 
 use fmu_description::value::whole;
-use fmu_description::{Causality, FmiVersion, Initial, Type, Value, Variability, XmlVariable};
+use fmu_description::{
+    Causality, FmiVersion, Initial, Naming, Type, Value, Variability, XmlVariable,
+};
 use fmu_file::text::quote;
 use regex_lite::Regex;
 
@@ -72,6 +74,24 @@ impl Check<'_> {
                     "the name has a line break or tab, expected none");
             }
         }
+        if structured {
+            self.hint_at_buses();
+        }
+    }
+
+    /// Simulink's FMU block makes a port with a bus of inputs with structured names.
+    fn hint_at_buses(&mut self) {
+        let variables = self.model.variables().map(|(_, variable)| variable);
+        let inputs = variables.filter(|v| v.causality == Causality::Input);
+        let structured = inputs.filter(|v| v.name.contains(['.', '[']));
+        let names: Vec<&str> = structured.map(|v| &*v.name).collect();
+        let Some((first, others)) = names.split_first() else { return };
+        let more =
+            if others.is_empty() { String::new() } else { format!(" and {} more", others.len()) };
+        let (name, flat) = (quote(first), quote(&Naming::Flat.write((*first).to_owned())));
+        self.findings.add_hint(&format!(
+            "Simulink makes a bus of structured names of inputs: {name}{more}; for a port each, export flat names such as {flat} (naming = \"flat\")"
+        ));
     }
 
     pub(super) fn variables(&mut self) {
@@ -226,7 +246,34 @@ impl Check<'_> {
 
 #[cfg(test)]
 mod tests {
+    use fmu_description::{ModelDescription, xml};
+
     use super::*;
+    use crate::finding::Findings;
+    use crate::rules::check;
+
+    #[test]
+    fn structured_names_of_inputs_are_hinted_at() {
+        let hints = |convention: &str, names: &[&str]| {
+            let inputs =
+                names.iter().map(|name| format!("<Float64 name='{name}' causality='input'/>"));
+            let xml = format!(
+                "<fmiModelDescription fmiVersion='3.0' variableNamingConvention='{convention}'>
+                <ModelVariables>{}<Float64 name='w.y' causality='output'/></ModelVariables></fmiModelDescription>",
+                inputs.collect::<String>().replace("causality", "valueReference='1' causality")
+            );
+            let root = xml::parse(&xml).unwrap();
+            let mut findings = Findings::default();
+            check(&ModelDescription::new(&root), &mut findings);
+            findings.hints().to_vec()
+        };
+        let found = hints("structured", &["r", "pid.y[1]", "a[1]"]).concat();
+        assert!(found.contains("\"pid.y[1]\" and 1 more;"), "{found}");
+        assert!(found.contains("flat names such as \"pid_y_1\""), "{found}");
+        assert!(hints("structured", &["pid.y"]).concat().contains("inputs: \"pid.y\";"));
+        assert!(hints("structured", &["r", "y"]).is_empty());
+        assert!(hints("flat", &["pid.y"]).is_empty());
+    }
 
     #[test]
     fn structured_names_have_the_form_of_the_standard() {
