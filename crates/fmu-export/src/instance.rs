@@ -128,6 +128,8 @@ pub(crate) struct Shared {
     pub(crate) starts: Option<Box<dyn AnyModel>>,
     /// The deviations from the standard of which the host was warned.
     warned: Vec<&'static str>,
+    /// The deprecated variables of which it was warned, by their value references.
+    pub(crate) deprecated: Vec<u32>,
     /// The texts and the binary values that the last call returned, which live until the next one.
     pub(crate) texts: Vec<CString>,
     pub(crate) binaries: Vec<Vec<u8>>,
@@ -163,6 +165,7 @@ impl<M: AnyModel> Instance<M> {
                 variant,
                 starts: None,
                 warned: Vec::new(),
+                deprecated: Vec::new(),
                 texts: Vec::new(),
                 binaries: Vec::new(),
                 workspace,

@@ -8,6 +8,7 @@ use fmu_description::table::Declaration;
 use fmu_description::{Causality, Naming, StateError, StateReader, StateWriter};
 
 use crate::any_model::{AnyModel, VariantStarts};
+use crate::deprecated;
 use crate::equations::ModelEquations;
 use crate::error::ModelError;
 use crate::large;
@@ -52,6 +53,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
             _ => None,
         },
         is_unserialized: M::IS_UNSERIALIZED,
+        warn_of_deprecated: if Self::TABLES.has_deprecated { Some(deprecated::warn) } else { None },
         state_format: snapshot::format(M::STATE_LAYOUT),
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;

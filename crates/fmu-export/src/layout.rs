@@ -6,6 +6,8 @@ use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::table::{Bounds, Declaration, TableRow, TypedStart};
 use fmu_description::{Causality, Dynamics, Value, Variability};
 
+use crate::deprecated::Warn;
+
 /// Where a Float64 is stored, and the values that it may be set to between steps.
 #[derive(Clone, Copy)]
 pub(crate) struct Float64Place {
@@ -13,7 +15,7 @@ pub(crate) struct Float64Place {
     /// asks for it.
     pub(crate) offset: usize,
     /// The smallest and the largest value. They are finite, which excludes NaN and infinities. The range
-    /// is empty for variables that cannot be set.
+    /// is empty for variables that cannot be set without further ado.
     pub(crate) min: f64,
     pub(crate) max: f64,
 }
@@ -25,10 +27,12 @@ impl Float64Place {
 
     pub(crate) const fn from_row(row: &ScalarVariable) -> Self {
         let variable = row.variable;
-        let is_settable = matches!(
-            (variable.causality, variable.variability),
-            (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)
-        );
+        // The instance warns when a deprecated variable is set.
+        let is_settable = variable.deprecated().is_empty()
+            && matches!(
+                (variable.causality, variable.variability),
+                (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)
+            );
         match (row.offset_of_real(), variable.dynamics, variable.bounds) {
             (_, Dynamics::Derivative { .. } | Dynamics::EventIndicator, _) => Self::EMPTY,
             (Some(offset), _, Bounds::Real(min, max)) if is_settable => {
@@ -117,6 +121,7 @@ pub(crate) struct Tables<const N: usize> {
     pub(crate) lacks_derivatives: bool,
     pub(crate) has_structural_parameters: bool,
     pub(crate) has_tunable_structural_parameters: bool,
+    pub(crate) has_deprecated: bool,
 }
 
 impl<const N: usize> Tables<N> {
@@ -140,6 +145,7 @@ impl<const N: usize> Tables<N> {
             lacks_derivatives: false,
             has_structural_parameters: false,
             has_tunable_structural_parameters: false,
+            has_deprecated: false,
         };
         let mut reference = 0;
         while reference < N {
@@ -209,6 +215,7 @@ impl<const N: usize> Tables<N> {
         }
         self.has_input_derivatives |= variable.has_input_derivative;
         self.has_switches |= is_switch(variable);
+        self.has_deprecated |= !variable.deprecated().is_empty();
         let is_output = matches!(variable.causality, Causality::Output)
             && matches!(variable.variability, Variability::Continuous);
         if matches!(variable.dynamics, Dynamics::Derivative { .. })
@@ -269,6 +276,8 @@ pub(crate) struct ModelInfo {
     pub(crate) why_unsaved: Option<&'static str>,
     /// Whether its state cannot be serialized.
     pub(crate) is_unserialized: bool,
+    /// Warns of deprecated variables; `None` if there are none.
+    pub(crate) warn_of_deprecated: Option<Warn>,
     /// The format of its serialized states.
     pub(crate) state_format: u32,
     pub(crate) has_structural_parameters: bool,

@@ -76,6 +76,7 @@ mod backtrace;
 #[cfg(target_arch = "wasm32")]
 mod canonical;
 mod clock;
+mod deprecated;
 mod derivatives;
 mod edge;
 mod entry;

@@ -10,7 +10,7 @@ use fmu_description::table::Declaration;
 use fmu_description::{Causality, Dynamics, Type, Value, Variability};
 
 use crate::error::{ModelError, ensure, refused};
-use crate::instance::Instance;
+use crate::instance::{Instance, Shared};
 use crate::layout::has_own_start;
 use crate::lifecycle::{InstanceType, Lifecycle};
 
@@ -213,6 +213,7 @@ impl Instance {
                     });
                     starts.set(&scalar, value.clone());
                 }
+                self.warn_if_deprecated(&scalar, element, &value);
                 self.model.set(&scalar, value);
             }
         }
@@ -220,6 +221,17 @@ impl Instance {
         let is_in_steps = matches!(lifecycle.state, State::StepMode | State::IntermediateUpdate);
         lifecycle.stale |= !is_in_steps;
         Ok(())
+    }
+
+    /// Warns of a deprecated variable, if the host gives it another value: some hosts set all to their start values.
+    fn warn_if_deprecated(&mut self, scalar: &ScalarVariable, reference: u32, value: &Value) {
+        if let Some(warn) = self.model.info().warn_of_deprecated
+            && !scalar.variable.deprecated().is_empty()
+            && *value != self.model.get(scalar)
+        {
+            let Shared { settings, deprecated, .. } = &mut self.shared;
+            warn(&settings.log, deprecated, scalar, reference);
+        }
     }
 
     /// Checks that a value may be set.

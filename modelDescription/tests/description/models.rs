@@ -259,7 +259,7 @@ pub struct Renamed {
     gears: i32,
     /// number of poles
     #[constant(start = 2, alias = "p")]
-    #[deprecated(since = "2.0", note = "it is always 2")]
+    #[deprecated(since = "2.0.0", note = "it is always 2")]
     poles: i32,
 }
 

@@ -87,6 +87,40 @@ fn a_model_logs_in_the_categories_that_the_host_wants() {
 }
 
 #[test]
+fn a_host_that_changes_a_deprecated_variable_is_warned_once() {
+    for kind in PLAIN {
+        let it = Instance::new(kind, HEIR);
+        let warnings = || {
+            let messages = it.messages();
+            it.forget_messages();
+            assert!(messages.iter().all(|m| m.kind() == ("logStatusWarning", WARNING)));
+            messages.into_iter().map(|m| m.text).collect::<Vec<_>>()
+        };
+        // Some hosts set all variables to their start values.
+        ok([it.set(Heir::OLD, 0.0), it.set_all(Type::Int32, &[Heir::ORDER], &[4.0])]);
+        assert_eq!(warnings(), [""; 0]);
+        for _ in 0..2 {
+            ok([it.set_all(Type::Int32, &[Heir::ORDER], &[5.0])]);
+            ok([it.set_all(Type::Int32, &[Heir::ORDER], &[4.0])]);
+        }
+        assert_eq!(warnings(), ["order is deprecated: it has no effect"]);
+        it.start(0.0, None);
+        it.steps(0.0, 1.0);
+        for (step, old) in [(1.0, 0.0), (2.0, 1.0), (3.0, 2.0)] {
+            ok([it.set(Heir::KEPT, step), it.set(Heir::OLD, old)]);
+            let expected = if old == 1.0 { &["old is deprecated: use kept"][..] } else { &[] };
+            assert_eq!(warnings(), expected);
+            it.steps(step, 1.0);
+            assert_eq!(it.get([Heir::Y]), [step + old + 5.0 + 4.0]);
+        }
+        let gains = [Heir::GAINS, Heir::GAINS + 1];
+        let gains = if kind.0 == Fmi2 { &gains[..] } else { &gains[..1] };
+        ok([it.set_all(Type::Float64, gains, &[2.0, 4.0])]);
+        assert_eq!(warnings(), ["gains[2] is deprecated: use kept"]);
+    }
+}
+
+#[test]
 fn categories_are_switched_by_name() {
     const EVERY: &[&CStr] = &[ERRORS, WARNINGS, DISCARDS, FATALS, EVENT];
     const TROUBLES: &[&CStr] = EVERY.split_at(4).0;

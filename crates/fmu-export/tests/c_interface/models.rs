@@ -7,7 +7,9 @@ use std::panic::panic_any;
 use fmu_description::Type;
 use fmu_export::prelude::*;
 
-fmu_export::export!(Every, Sampled, Ball, Hopper, Valve, Device, Relay, Switches, Foreign, Noisy);
+fmu_export::export!(
+    Every, Sampled, Ball, Hopper, Valve, Device, Relay, Switches, Foreign, Noisy, Heir
+);
 
 // Indices of the models.
 pub const EVERY: usize = 0;
@@ -20,6 +22,7 @@ pub const RELAY: usize = 6;
 pub const SWITCHES: usize = 7;
 pub const FOREIGN: usize = 8;
 pub const NOISY: usize = 9;
+pub const HEIR: usize = 10;
 
 /// Defines a constant for each value reference, in order: of the first element of an array with so many.
 macro_rules! references {
@@ -780,6 +783,28 @@ impl Simulate for Noisy {
     fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
         self.count.0 += 1.0;
         self.y = self.count.0;
+        Ok(())
+    }
+}
+
+/// Has variables that hosts of earlier versions use
+#[derive(Model)]
+#[rustfmt::skip]
+pub struct Heir {
+    /** kept */ #[input] kept: f64,
+    /** real number */ #[input(deprecated = "use kept")] old: f64,
+    /** whole number */ #[parameter(start = 4, deprecated = "it has no effect")] order: i32,
+    /** array */ #[parameter(tunable, start = [2, 3], alias = "k", deprecated = "use kept")] gains: [f64; 2],
+    /** sum */ #[output] y: f64,
+}
+
+impl Heir {
+    references! { KEPT, OLD, ORDER, GAINS * 2, Y }
+}
+
+impl Simulate for Heir {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        self.y = self.kept + self.old + self.gains.iter().sum::<f64>() + f64::from(self.order);
         Ok(())
     }
 }
