@@ -127,6 +127,19 @@ impl Variable {
         matches!(self.causality, Causality::Parameter | Causality::StructuralParameter)
     }
 
+    /// What to do instead of using it, if its description says that it is deprecated; may be empty.
+    pub fn deprecated(&self) -> Option<&str> {
+        const WORD: &str = "deprecated";
+        let at = self.description.to_ascii_lowercase().find(WORD)? + WORD.len();
+        let text = self.description[at..].trim_start_matches([':', ',', '.', ' ']);
+        let mut open = 0;
+        let end = text.find(|c| {
+            open += i32::from(matches!(c, '(' | '[')) - i32::from(matches!(c, ')' | ']'));
+            open < 0
+        });
+        Some(text[..end.unwrap_or(text.len())].trim_end())
+    }
+
     /// The items of an Enumeration.
     pub fn items(&self) -> &[EnumerationItem] {
         let declared = self.declared_type.as_ref();
@@ -231,5 +244,24 @@ impl Variable {
     pub(crate) fn is_initial_unknown(&self) -> bool {
         self.initial == Some(Initial::Calculated)
             && (self.is_output() || self.is_state() || self.is_derivative())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_description_may_say_that_the_variable_is_deprecated() {
+        for (description, expected) in [
+            ("gain", None),
+            ("gain (deprecated: use pid.kp)", Some("use pid.kp")),
+            ("gain (deprecated: use f(x) [m]) (former name of k)", Some("use f(x) [m]")),
+            ("Deprecated. Has no effect", Some("Has no effect")),
+            ("gain [DEPRECATED]", Some("")),
+        ] {
+            let variable = Variable { description: description.into(), ..Variable::default() };
+            assert_eq!(variable.deprecated(), expected, "{description}");
+        }
     }
 }

@@ -38,7 +38,7 @@ pub fn note(note: &Note) -> String {
         NoteOptions { record_before: "use --sampled false", record: "--output can record" };
     let text = note.text(&OPTIONS);
     match note {
-        Note::RecordedAfterStep(_) => format!("note: {text}"),
+        Note::RecordedAfterStep(_) | Note::Deprecated { .. } => format!("note: {text}"),
         _ => text,
     }
 }

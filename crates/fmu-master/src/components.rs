@@ -202,6 +202,15 @@ impl Components {
         Ok(ScalarId { component, scalar })
     }
 
+    /// The scalar that is set by the name `component.variable`, or the variable of a single FMU.
+    ///
+    /// # Errors
+    /// As [`Self::scalar`].
+    pub(crate) fn settable(&self, name: &str) -> Result<ScalarId> {
+        let (component, scalar) = self.lookup(name, Fmu::settable)?;
+        Ok(ScalarId { component, scalar })
+    }
+
     /// The component of a name, and the rest of the name, which need not be a variable of its FMU.
     ///
     /// # Errors

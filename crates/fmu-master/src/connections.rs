@@ -30,7 +30,7 @@ pub(crate) fn resolve(
         let mut all = faults.iter();
         let checked = all.try_for_each(|fault| fault.check(description.step));
         checked.with_context(|| format!("{from} -> {to}"))?;
-        let [from, to] = [components.scalar(from)?, components.scalar(to)?];
+        let (from, to) = (components.scalar(from)?, components.settable(to)?);
         Ok(ResolvedConnection { from, to, conversion: *conversion, faults: faults.clone() })
     });
     let connections = connections.collect::<Result<Vec<_>>>()?;

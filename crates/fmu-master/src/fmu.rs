@@ -31,6 +31,8 @@ pub struct Fmu {
     pub(crate) feedthrough: HashMap<usize, Vec<usize>>,
     /// The indices of scalars by their names and aliases.
     index: HashMap<String, usize>,
+    /// For scalars that are set through another one, the index of that scalar.
+    settable: HashMap<usize, usize>,
     /// The indices of the elements of arrays by their names and aliases.
     arrays: HashMap<String, Range<usize>>,
     units: Units,
@@ -76,6 +78,7 @@ impl Fmu {
             version: FmiVersion::Fmi3,
             scalars: (0..variables.len()).map(|variable| Scalar { variable, element: 0 }).collect(),
             index: names.zip(0..).collect(),
+            settable: HashMap::new(),
             arrays: HashMap::new(),
             variables,
             clocked: HashSet::new(),
@@ -188,6 +191,15 @@ impl Fmu {
             [] => Err(Advice::ListVariables(self.file_name()).after(text)),
             names => bail!("{text}did you mean {}?", names.join(" or ")),
         }
+    }
+
+    /// The index of the scalar that is set by this name: of the scalar itself, or of an alias that can be set.
+    ///
+    /// # Errors
+    /// As [`Self::scalar`].
+    pub(crate) fn settable(&self, name: &str) -> Result<usize> {
+        let scalar = self.scalar(name)?;
+        Ok(self.settable.get(&scalar).copied().unwrap_or(scalar))
     }
 
     /// The indices of a scalar, or of all elements of an array.

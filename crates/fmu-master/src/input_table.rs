@@ -66,7 +66,7 @@ impl InputTable {
             connections.iter().map(|connection| connection.to).collect();
         let columns = table[1..].iter().map(|series| {
             let name = &series.name;
-            let input = components.scalar(name)?;
+            let input = components.settable(name)?;
             let variable = input.variable(components);
             if let Some(reason) = input.fmu(components).unusable(input.scalar) {
                 bail!("{name} cannot be set: {reason}");

@@ -19,6 +19,13 @@ pub enum Note {
         /// The number of the others.
         more: usize,
     },
+    /// A deprecated variable is connected or set.
+    Deprecated {
+        /// Its name in the system.
+        variable: String,
+        /// What to do instead, as its description says; may be empty.
+        instead: String,
+    },
     /// The step size does not divide the run.
     EndsBeforeStop {
         /// The last communication point (s).
@@ -58,6 +65,12 @@ impl Note {
                 format!(
                     "nothing is recorded, because no output is a number or Boolean; {record} {names}{more}"
                 )
+            }
+            Self::Deprecated { variable, instead } if instead.is_empty() => {
+                format!("{variable} is deprecated")
+            }
+            Self::Deprecated { variable, instead } => {
+                format!("{variable} is deprecated: {instead}")
             }
             Self::EndsBeforeStop { last, stop } => {
                 format!(

@@ -30,7 +30,7 @@ pub struct Plan {
     /// The smallest and the largest value of each column that the model description allows.
     pub bounds: Vec<[Option<f64>; 2]>,
     /// Choices of the master that the user may want to override.
-    pub notes: Vec<Note>,
+    notes: Vec<Note>,
 }
 
 impl Plan {
@@ -188,6 +188,30 @@ impl Plan {
         let starts = ComponentStarts::new(values);
         starts.check_arrays(&loaded.fmu, |scalar| loaded.name_of(scalar))?;
         Ok(starts)
+    }
+
+    /// The notes of a run with these start values, which name the deprecated variables that it uses.
+    pub fn notes(&self, starts: &[StartValue]) -> Vec<Note> {
+        let of_system = self.components.iter().enumerate();
+        let of_system = of_system.map(|(index, component)| (index, &component.starts));
+        let set = of_system.chain(starts.iter().map(|start| (start.component, &start.values)));
+        let set = set.flat_map(|(component, values)| {
+            values.iter().map(move |(scalar, _)| ScalarId { component, scalar: *scalar })
+        });
+        let connected = self.connections.iter().flat_map(|c| [c.from, c.to]);
+        let fed = self.input.iter().flat_map(InputTable::scalars);
+        let (mut notes, mut known) = (self.notes.clone(), HashSet::new());
+        for id in connected.chain(fed).chain(set) {
+            let first = id.fmu(&self.components).first(id.scalar);
+            let variable = id.variable(&self.components);
+            if let Some(instead) = variable.deprecated()
+                && known.insert((id.component, first))
+            {
+                let (variable, instead) = (id.name(&self.components), instead.to_owned());
+                notes.push(Note::Deprecated { variable, instead });
+            }
+        }
+        notes
     }
 
     /// The names of the components and of their files, for [`RunError::crash`](crate::RunError::crash).

@@ -55,7 +55,7 @@ pub(crate) fn scalar_literals<'a>(
         false => error.context(full_name.to_owned()),
     };
     if fmu.get_scalar(variable).is_some() || !literal.is_array() {
-        let scalar = fmu.scalar(variable).map_err(named)?;
+        let scalar = fmu.settable(variable).map_err(named)?;
         let literal = Cow::Borrowed(literal);
         return Ok(vec![ScalarLiteral { scalar, name: full_name.into(), literal }]);
     }

@@ -393,7 +393,7 @@ fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result
         !host.look(Some((row.time, start, stop)))
     });
     outcome.columns.clone_from(&plan.columns);
-    outcome.notes.clone_from(&plan.notes);
+    outcome.notes = plan.notes(&starts);
     outcome.end = Some(end);
     Ok(outcome)
 }

@@ -6,7 +6,9 @@ use std::sync::OnceLock;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::{self, Element};
-use fmu_description::{Causality, FmiVersion, ModelDescription, Type, Variable, XmlVariable};
+use fmu_description::{
+    Causality, FmiVersion, ModelDescription, Type, Variability, Variable, XmlVariable,
+};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_host::{InterfaceType, Limits, ProcessOwned};
 
@@ -83,6 +85,10 @@ impl Fmu {
             path: path.to_owned(),
             version: model.version,
             feedthrough: feedthrough(&model),
+            settable: match model.version {
+                FmiVersion::Fmi2 => settable_aliases(&variables),
+                FmiVersion::Fmi3 => HashMap::new(),
+            },
             variables,
             scalars,
             clocked,
@@ -114,6 +120,19 @@ impl Fmu {
             }),
         })
     }
+}
+
+/// The scalars of FMI 2.0 that are set through another one: of all with the same value reference, at most one is set from
+/// outside or has a start value (FMI 2.0.5, section 2.2.7).
+fn settable_aliases(scalars: &[Variable]) -> HashMap<usize, usize> {
+    let value = |v: &Variable| (v.of_type.accessed_as(FmiVersion::Fmi2), v.reference);
+    let is_settable =
+        |(v, _): &(&Variable, usize)| !v.start.is_empty() && v.variability != Variability::Constant;
+    let all = || scalars.iter().zip(0..);
+    let settable = all().filter(is_settable);
+    let settable: HashMap<_, usize> = settable.map(|(v, scalar)| (value(v), scalar)).collect();
+    let others = all().filter(|scalar| !is_settable(scalar));
+    others.filter_map(|(v, scalar)| Some((scalar, *settable.get(&value(v))?))).collect()
 }
 
 /// Replaces the start values of structural parameters.

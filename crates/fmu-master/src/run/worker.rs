@@ -36,7 +36,7 @@ pub fn serve<P: Borrow<Plan>>(
         components: plan.names(),
         experiment: plan.experiment,
         columns: plan.columns.clone(),
-        notes: plan.notes.clone(),
+        notes: plan.notes(&starts),
     }));
     // The file for the rows can be written.
     let Some(()) = service.task()? else { return Ok(()) };
