@@ -242,8 +242,9 @@ impl Variable {
 
     /// Whether it is computed during initialization and listed as an initial unknown.
     pub(crate) fn is_initial_unknown(&self) -> bool {
+        let is_listed = self.is_output() || self.is_state() || self.is_derivative();
         self.initial == Some(Initial::Calculated)
-            && (self.is_output() || self.is_state() || self.is_derivative())
+            && (is_listed || self.causality == Causality::CalculatedParameter)
     }
 }
 
