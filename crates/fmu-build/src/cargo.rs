@@ -73,13 +73,26 @@ pub struct Build {
 impl Build {
     /// `cargo SUBCOMMAND` with cargo or a program that replaces it, shown to the user as `title`.
     pub fn new(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
-        let mut command = Command::new(program);
-        // Quiet, so that only diagnostics reach its standard error.
-        command.args([subcommand, "--quiet", "--message-format=json-render-diagnostics"]);
+        let mut build = Self::with_default_flags(program, title, subcommand);
+        let command = &mut build.command;
         // Libraries of both versions of FMI have the same name. In its folder `deps`, cargo would take one
         // for the other, unless this variable makes it add a hash to the name.
         command.env("__CARGO_DEFAULT_LIB_METADATA", "fmu");
-        // A target that is named, even this machine, gives other bytes.
+        build
+    }
+
+    /// `cargo rustc` with the flags of `cargo build`, but that a panic does not end the host.
+    pub fn for_trial(program: impl AsRef<OsStr>, title: &str, profile: &str) -> Self {
+        let mut build = Self::with_default_flags(program, title, "rustc");
+        build.args(["--config", &format!("profile.{profile}.panic='unwind'")]);
+        build
+    }
+
+    fn with_default_flags(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
+        let mut command = Command::new(program);
+        // Quiet, so that only diagnostics reach its standard error.
+        command.args([subcommand, "--quiet", "--message-format=json-render-diagnostics"]);
+        // A target that is named, even this machine, gives other bytes in another folder.
         command.env_remove("CARGO_BUILD_TARGET");
         Self { title: title.into(), command, rustflags: inherited_rustflags() }
     }

@@ -65,6 +65,10 @@ pub struct ExportOptions {
     /// Which packages to build, and how.
     #[command(flatten)]
     pub selection: Selection,
+    /// Build for this machine with the same flags as `cargo build` and `cargo test`, so that all three use the same
+    /// dependencies: soon, but the binaries have the functions of all versions of FMI, and paths of this machine.
+    #[arg(skip)]
+    pub is_for_trial: bool,
 }
 
 fn version() -> impl TypedValueParser<Value = FmiVersion> {
@@ -275,16 +279,24 @@ impl<'a> Builder<'a> {
         extension: &str,
         variant: Option<&str>,
     ) -> Result<Vec<u8>> {
+        let title = format!("building {}", library.package);
+        let profile = self.options.selection.profile();
+        let mut build = match self.options.is_for_trial {
+            true => recipe.cargo_rustc_for_trial(&title, profile),
+            false => recipe.cargo_rustc(&title),
+        };
         // As the only crate type, a `cdylib` gets LTO, which is not possible together with an rlib.
-        let mut build = recipe.cargo_rustc(&format!("building {}", library.package));
-        let profile = &self.profile[usize::from(recipe.is_for_component())];
         build
             .args(["--lib", "--crate-type", "cdylib"])
             .args(["--package", &library.package])
-            .args(["--features", &library.feature(self.version)])
-            .args(self.options.selection.cargo_arguments())
-            .args(profile.iter().flat_map(|setting| ["--config", setting]))
-            .without_local_paths(self.metadata, recipe.sources().as_deref());
+            .args(self.options.selection.cargo_arguments());
+        if !self.options.is_for_trial {
+            let settings = &self.profile[usize::from(recipe.is_for_component())];
+            build
+                .args(["--features", &library.feature(self.version)])
+                .args(settings.iter().flat_map(|setting| ["--config", setting]))
+                .without_local_paths(self.metadata, recipe.sources().as_deref());
+        }
         // What `export!` reads at compile time; of the naming, see `Naming::chosen`.
         let naming = match (self.options.naming, library.naming) {
             (Some(chosen), _) => Some(chosen.as_str().to_owned()),
@@ -297,7 +309,7 @@ impl<'a> Builder<'a> {
                 None => build.without_env(name),
             };
         }
-        if self.options.selection.profile() != "dev" {
+        if profile != "dev" {
             build.env("CARGO_INCREMENTAL", "0");
         }
         build

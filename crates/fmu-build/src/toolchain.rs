@@ -170,6 +170,11 @@ impl Recipe {
         build
     }
 
+    /// `cargo rustc` with the flags of `cargo build`.
+    pub fn cargo_rustc_for_trial(&self, title: &str, profile: &str) -> Build {
+        Build::for_trial(self.toolchain.program("cargo"), title, profile)
+    }
+
     /// Whether its binary becomes a component.
     pub fn is_for_component(&self) -> bool {
         self.target == WASM

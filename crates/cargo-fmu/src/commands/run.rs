@@ -50,6 +50,7 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
         models,
         versions: vec![FmiVersion::Fmi2],
         out: Some(folder.clone()),
+        is_for_trial: true,
         ..ExportOptions::default()
     };
     let metadata = options.selection.metadata()?;
