@@ -108,6 +108,24 @@ def test_the_error_for_a_target_without_standard_library_gives_remedies(
         assert remedy in message
 
 
+def test_one_error_lists_all_that_the_targets_need(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CARGO", shutil.which("cargo"))
+    monkeypatch.setenv("RUSTC", shutil.which("rustc"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    targets = ["x86_64-pc-windows-gnu", "universal2-apple-darwin"]
+    options = [word for target in targets for word in ("--target", target)]
+    message = refusal(*options, "--fmi", "2.0,3.0", "--out", tmp_path / "out")
+    for command in ("apt-get install gcc-mingw-w64-x86-64", "pip install cargo-zigbuild ziglang"):
+        assert message.count(command) == 1
+
+
+def test_a_platform_suggests_its_target(tmp_path: Path) -> None:
+    message = refusal("--target", "win64", "--out", tmp_path)
+    assert "did you mean x86_64-pc-windows-" in message
+
+
 # --- variants -------------------------------------------------------------------------------------
 
 

@@ -173,8 +173,10 @@ impl Build {
             if let Message::CompilerArtifact(artifact) =
                 message.context("cannot read the output of cargo")?
             {
-                let built = format!("{}: {}", self.title, artifact.target.name);
-                progress(BuildProgress::Built(&built));
+                if !artifact.fresh {
+                    let built = format!("{}: {}", self.title, artifact.target.name);
+                    progress(BuildProgress::Built(&built));
+                }
                 artifacts.push(artifact);
             }
         }

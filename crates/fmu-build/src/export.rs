@@ -21,6 +21,7 @@ use crate::binary::{BinarySource, PlatformBinary, check_functions, drop_replaced
 use crate::cargo::{self, BuildProgress, profile_settings, remap};
 use crate::contents;
 use crate::library::{ModelLibrary, Selection};
+use crate::missing::Missing;
 use crate::model::{self, BuiltModel, Variant};
 use crate::toolchain::{self, BuildTarget, Recipe, WasmDraft};
 use crate::universal::join_mach_o;
@@ -119,6 +120,7 @@ pub fn export(
     versions.dedup();
     check_versions(options, &versions)?;
     let profile = profile_settings(options.selection.profile(), &metadata)?;
+    let mut missing = Missing::default();
     let builders = versions.into_iter().map(|version| {
         Ok(Builder {
             options,
@@ -126,12 +128,13 @@ pub fn export(
             out: &out,
             profile: &profile,
             version,
-            targets: targets(options, version)?,
+            targets: targets(options, version, &mut missing)?,
             prebuilt: prebuilt(options, version)?,
             progress,
         })
     });
     let builders = builders.collect::<Result<Vec<_>>>()?;
+    missing.check()?;
     cargo::warning().iter().for_each(|warning| progress(BuildProgress::Said(warning)));
     let targets = builders.iter().take(1).flat_map(|b| &b.targets);
     let recipes = targets.flat_map(|target| &target.recipes);
@@ -436,16 +439,21 @@ fn lock(target: &Path) -> Result<File> {
 }
 
 /// The targets to build for: the requested ones, else this machine.
-fn targets(options: &ExportOptions, version: FmiVersion) -> Result<Vec<BuildTarget>> {
+fn targets(
+    options: &ExportOptions,
+    version: FmiVersion,
+    missing: &mut Missing,
+) -> Result<Vec<BuildTarget>> {
     let mut names = options.targets.clone();
     if options.portable {
         names.insert(0, toolchain::portable()?);
     }
+    toolchain::check_names(&names)?;
     check_platforms(options, &names, version)?;
     if names.is_empty() {
         return Ok(vec![BuildTarget::of_this_machine(version)?]);
     }
-    let targets = names.iter().map(|name| BuildTarget::named(name, version));
+    let targets = names.iter().map(|name| BuildTarget::named(name, version, missing));
     targets.collect()
 }
 

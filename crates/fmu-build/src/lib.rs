@@ -11,10 +11,12 @@ mod contents;
 pub mod dependency;
 mod export;
 mod library;
+mod missing;
 mod model;
 mod page;
 pub mod table;
 mod toolchain;
+mod triple;
 mod universal;
 
 pub use fmu_description::FmiVersion;

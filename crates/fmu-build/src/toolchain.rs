@@ -1,17 +1,19 @@
 //! How a target is built: toolchain, standard library and linker.
 
 use std::env::{self, consts::EXE_SUFFIX};
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 use fmu_description::FmiVersion;
 use fmu_file::platform::{Platform, TARGET_WASM, UNIVERSAL};
 
 use crate::cargo::Build;
+use crate::missing::Missing;
+use crate::triple;
 
 /// Links for a given glibc version, and for macOS from other systems.
 const ZIGBUILD: &str = "cargo-zigbuild";
@@ -78,8 +80,9 @@ impl BuildTarget {
     /// [`TARGET_WASM`].
     ///
     /// # Errors
-    /// A tool or standard library that the target needs is missing.
-    pub fn named(name: &str, version: FmiVersion) -> Result<Self> {
+    /// There is no such target, or the version of FMI has no platform folder for it. What this machine lacks is added
+    /// to `missing`.
+    pub fn named(name: &str, version: FmiVersion, missing: &mut Missing) -> Result<Self> {
         let parts = match name {
             UNIVERSAL => vec!["x86_64-apple-darwin", "aarch64-apple-darwin"],
             TARGET_WASM => vec![WASM],
@@ -87,42 +90,33 @@ impl BuildTarget {
         };
         Ok(Self {
             platforms: Platform::of_target(name, version)?,
-            recipes: parts.into_iter().map(Recipe::new).collect::<Result<_>>()?,
+            recipes: parts.into_iter().map(|part| Recipe::new(part, missing)).collect(),
         })
     }
 }
 
 impl Recipe {
-    /// The recipe for a target, if this machine can build for it.
-    fn new(target: &str) -> Result<Self> {
+    /// The recipe for a target that rustc knows. What this machine lacks for it is added to `missing`.
+    fn new(target: &str, missing: &mut Missing) -> Self {
         let (triple, glibc) = match target.split_once('.') {
             Some((triple, version)) => (triple, Some(version)),
             None => (target, None),
         };
         let by_zig = glibc.is_some() || is_apple(triple) && !cfg!(target_os = "macos");
-        ensure!(
-            Toolchain::active().folder_of_std(triple).is_some(),
-            "the Rust toolchain does not know the target {triple}; `rustc --print target-list` lists all targets"
-        );
-        let (toolchain, std_from_source) = Toolchain::all()
-            .find_map(|toolchain| {
-                let folder = toolchain.folder_of_std(triple)?;
-                let from_source = !folder.is_dir();
-                (!from_source || toolchain.has_sources()).then_some((toolchain, from_source))
-            })
-            .with_context(|| {
-                format!(
-                    "no toolchain has a standard library for the target {triple}; install it with \
-                     `rustup target add {triple}`, or its sources with `rustup component add rust-src` or the \
-                     Debian packages rustc-web, cargo-web and rust-web-src"
-                )
-            })?;
-        check_linker(target, triple, by_zig)?;
-        ensure!(
-            triple != WASM || toolchain.has_lld() || runs(WASM_LD),
-            "the target {triple} is linked by {WASM_LD}, which is missing; install LLD (Debian package lld)"
-        );
-        Ok(Self { target: target.to_owned(), is_named: true, toolchain, std_from_source, by_zig })
+        let found = Toolchain::all().find_map(|toolchain| {
+            let folder = toolchain.folder_of_std(triple)?;
+            let from_source = !folder.is_dir();
+            (!from_source || toolchain.has_sources()).then_some((toolchain, from_source))
+        });
+        if found.is_none() {
+            missing.std(triple);
+        }
+        let (toolchain, std_from_source) = found.unwrap_or((Toolchain::active(), false));
+        add_missing_linker(target, triple, by_zig, missing);
+        if triple == WASM && !toolchain.has_lld() && !runs(WASM_LD) {
+            missing.program(WASM_LD, TARGET_WASM, "apt-get install lld    # LLD, of LLVM".into());
+        }
+        Self { target: target.to_owned(), is_named: true, toolchain, std_from_source, by_zig }
     }
 
     /// Whether the target was asked for by name.
@@ -227,7 +221,7 @@ impl Display for Recipe {
             write!(f, " of {}", folder.display())?;
         }
         f.write_str(match self.std_from_source {
-            true => ", standard library built from source",
+            true => ", standard library built from source, which takes minutes the first time",
             false => ", standard library of the toolchain",
         })?;
         if self.by_zig { write!(f, ", {ZIGBUILD}") } else { Ok(()) }
@@ -318,6 +312,29 @@ pub fn portable() -> Result<String> {
     Ok(format!("{host}.{GLIBC}"))
 }
 
+/// Checks the names of targets.
+///
+/// # Errors
+/// There is no toolchain, or no such target. The message has the one that was meant, if that is clear.
+pub fn check_names(names: &[String]) -> Result<()> {
+    let toolchain = Toolchain::active();
+    let is_unknown = |name: &&String| {
+        let triple = name.split_once('.').map_or(name.as_str(), |(triple, _)| triple);
+        ![UNIVERSAL, TARGET_WASM].contains(&triple) && toolchain.folder_of_std(triple).is_none()
+    };
+    let Some(name) = names.iter().find(is_unknown) else { return Ok(()) };
+    let (host, known) = (host()?, toolchain.rustc(&["--print", "target-list"]));
+    match triple::meant(name, &known.unwrap_or_default(), &host) {
+        Some(meant) => {
+            bail!("--target {name}: there is no such Rust target; did you mean {meant}?")
+        }
+        None => bail!(
+            "--target {name}: the Rust toolchain does not know this target; expected a target such as \
+             x86_64-pc-windows-gnu, or another one that `rustc --print target-list` lists"
+        ),
+    }
+}
+
 /// The triple of this machine.
 fn host() -> Result<String> {
     Toolchain::active()
@@ -329,28 +346,48 @@ fn host() -> Result<String> {
         .context("rustc -vV does not print its host")
 }
 
-/// Checks that the linker of a target is installed, unless it comes with the system or with Rust.
-fn check_linker(target: &str, triple: &str, by_zig: bool) -> Result<()> {
+/// Adds the linker of a target if it is missing, unless it comes with the system or with Rust.
+fn add_missing_linker(target: &str, triple: &str, by_zig: bool, missing: &mut Missing) {
     if by_zig {
-        ensure!(
-            runs(ZIGBUILD),
-            "the target {target} is linked by cargo-zigbuild, which is missing; install it with `pip install cargo-zigbuild ziglang`"
-        );
+        if !runs(ZIGBUILD) {
+            missing.program(ZIGBUILD, target, "pip install cargo-zigbuild ziglang".into());
+        } else if !has_zig() {
+            missing.program("zig", target, "pip install ziglang".into());
+        }
     } else if let Some(processor) = triple.strip_suffix("-pc-windows-gnu")
         && !cfg!(windows)
     {
         let linker = format!("{processor}-w64-mingw32-gcc");
-        ensure!(
-            runs(&linker),
-            "the target {target} is linked by {linker}, which is missing; install MinGW-w64 (Debian package gcc-mingw-w64)"
-        );
+        if !runs(&linker) {
+            let (package, bits) = match processor {
+                "x86_64" => ("x86-64", 64),
+                other => (other, 32),
+            };
+            let install = format!(
+                "apt-get install gcc-mingw-w64-{package}    # Debian, Ubuntu
+dnf install mingw{bits}-gcc    # Fedora
+brew install mingw-w64    # macOS"
+            );
+            missing.program(&linker, target, install);
+        }
     }
-    Ok(())
 }
 
-fn runs(program: impl AsRef<OsStr>) -> bool {
-    let found = Command::new(program).arg("--version").output();
-    found.is_ok_and(|output| output.status.success())
+/// Whether cargo-zigbuild finds zig: by its variable, in PATH, or as the Python package ziglang.
+fn has_zig() -> bool {
+    let of_python = ["-m", "ziglang", "version"];
+    env::var_os("CARGO_ZIGBUILD_ZIG_PATH").is_some()
+        || succeeds("zig", &["version"])
+        || ["python3", "python"].iter().any(|python| succeeds(python, &of_python))
+}
+
+fn runs(program: &str) -> bool {
+    succeeds(program, &["--version"])
+}
+
+fn succeeds(program: &str, args: &[&str]) -> bool {
+    let output = Command::new(program).args(args).output();
+    output.is_ok_and(|output| output.status.success())
 }
 
 #[cfg(test)]
@@ -380,14 +417,17 @@ mod tests {
     #[test]
     fn this_machine_can_build_for_itself() {
         let host = host().unwrap();
-        let recipe = Recipe::new(&host).unwrap();
+        let mut missing = Missing::default();
+        let recipe = Recipe::new(&host, &mut missing);
+        missing.check().unwrap();
         assert!(!recipe.std_from_source && !recipe.by_zig);
         assert!(recipe.to_string().starts_with(&format!("{host}: rustc 1.")), "{recipe}");
     }
 
     #[test]
     fn unknown_targets_are_named_in_the_error() {
-        let error = Recipe::new("x86_64-nonsense-linux-gnu").err().unwrap().to_string();
-        assert!(error.contains("x86_64-nonsense-linux-gnu"), "{error}");
+        let name = "x86_64-nonsense-linux-gnu".to_owned();
+        let error = check_names(&[name.clone()]).unwrap_err().to_string();
+        assert!(error.contains(&name) && error.contains("x86_64-unknown-linux-gnu?"), "{error}");
     }
 }

@@ -1,14 +1,18 @@
 //! `cargo fmu export`: builds models into FMUs.
 
+use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use fmu_build::{BuildProgress, ExportOptions, ExportedFmu};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::ui;
+
+/// How often a build without a terminal says what it has built. The standard library from its sources takes minutes.
+const PERIOD: Duration = Duration::from_secs(10);
 
 /// Exports the models and prints the FMUs that were written.
 ///
@@ -30,9 +34,19 @@ pub fn build(options: &ExportOptions) -> Result<Vec<ExportedFmu>> {
     spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?);
     spinner.enable_steady_tick(Duration::from_millis(100));
     let print = |text: &str| spinner.suspend(|| ui::message(format_args!("{text}")));
+    let said = Cell::new(Instant::now());
     let written = fmu_build::export(options, &|progress| match progress {
         // Without a terminal, there is no spinner.
-        BuildProgress::Building(text) if spinner.is_hidden() => print(&format!("{text} ...")),
+        BuildProgress::Building(text) if spinner.is_hidden() => {
+            said.set(Instant::now());
+            print(&format!("{text} ..."));
+        }
+        BuildProgress::Built(text) if spinner.is_hidden() => {
+            if said.get().elapsed() >= PERIOD {
+                said.set(Instant::now());
+                print(text);
+            }
+        }
         BuildProgress::Building(text) | BuildProgress::Built(text) => {
             spinner.set_message(text.to_owned())
         }
