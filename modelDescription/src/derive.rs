@@ -9,9 +9,7 @@ use crate::table::AnyChoice;
 pub use crate::table::{
     Bounds, Declaration, Dynamics, Enumeration, History, Item, TableRow, TypedStart,
 };
-pub use crate::variables::{
-    Choice, HasClone, HasDefault, HasDeserialize, HasSerialize, Variables,
-};
+pub use crate::variables::{Choice, HasClone, HasDefault, HasDeserialize, HasSerialize, Variables};
 pub use crate::vocabulary::{Causality, Naming, Variability};
 
 /// The elements of an array that are in use.

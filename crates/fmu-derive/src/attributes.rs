@@ -10,7 +10,7 @@ use syn::meta::ParseNestedMeta;
 use syn::parse::ParseStream;
 use syn::punctuated::Punctuated;
 use syn::spanned::Spanned;
-use syn::{Attribute, Error, Ident, LitStr, Path, Result, Token, parenthesized};
+use syn::{Attribute, Error, Ident, LitStr, Path, Result, Token, parenthesized, token};
 
 use crate::expression::Expression;
 
@@ -94,6 +94,7 @@ pub enum OptionValue {
     Expression(Expression),
     Names(Vec<LitStr>),
     Derivatives(Vec<(LitStr, Expression)>),
+    Rates(Vec<(Ident, Expression)>),
 }
 
 /// The options of `#[model(...)]`, `#[variables(...)]` and `#[choice(...)]`.
@@ -102,6 +103,7 @@ pub const MODEL: (&str, &[KnownOption]) = (
     &[
         ("name", text),
         ("sample_time", expression),
+        ("rates", rates),
         ("continuous", flag),
         ("single_instance", flag),
         ("step", expression),
@@ -270,6 +272,14 @@ impl Options {
         }
     }
 
+    /// The names of methods, and their sample times.
+    pub fn rates(&self) -> &[(Ident, Expression)] {
+        match self.given("rates") {
+            Some((.., OptionValue::Rates(rates))) => rates,
+            _ => &[],
+        }
+    }
+
     /// The path of the crate with the traits.
     pub fn krate(&self) -> TokenStream {
         let path = self.expression("crate").map(ToTokens::to_token_stream);
@@ -362,6 +372,31 @@ fn derivatives(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     }
     let all = list.parse_terminated(one, Token![,])?;
     Ok(OptionValue::Derivatives(all.into_iter().collect()))
+}
+
+/// `(method = expression, method = expression)`
+fn rates(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    const EXPECTED: &str = "expected a method and its sample time for each rate, such as `rates(slow = 0.1, fast = 0.001)`";
+    if !meta.input.peek(token::Paren) {
+        return Err(meta.error(EXPECTED));
+    }
+    let list;
+    parenthesized!(list in meta.input);
+    let one = |input: ParseStream<'_>| {
+        let name: Ident = input.parse()?;
+        input.parse::<Token![=]>()?;
+        Ok((name, input.parse::<Expression>()?))
+    };
+    let all = Vec::from_iter(list.parse_terminated(one, Token![,])?);
+    if all.is_empty() {
+        return Err(meta.error(EXPECTED));
+    }
+    for (i, (name, _)) in all.iter().enumerate() {
+        if all[..i].iter().any(|(other, _)| other == name) {
+            return error(name, format!("two rates have the name `{name}`"));
+        }
+    }
+    Ok(OptionValue::Rates(all))
 }
 
 /// A name in quotes, or without if it is an identifier.

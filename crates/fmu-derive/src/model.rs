@@ -27,7 +27,13 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     for option in ["sample_time", "stop_time", "step_size", "tolerance"] {
         check_positive(options.expression(option))?;
     }
-    if let (Some(place), true) = (options.span("continuous"), options.has("sample_time")) {
+    options.rates().iter().try_for_each(|(_, sample_time)| check_positive(Some(sample_time)))?;
+    if let (Some(place), true) = (options.span("rates"), options.has("sample_time")) {
+        let what = "`rates` have the sample times; expected no `sample_time` as well";
+        return Err(Error::new(place, what));
+    }
+    let is_sampled = options.has("sample_time") || options.has("rates");
+    if let (Some(place), true) = (options.span("continuous"), is_sampled) {
         let what = "a model with a sample time is not continuous";
         return Err(Error::new(place, what));
     }
@@ -83,7 +89,9 @@ fn model(
     let is_stub = named.is_none();
     let (name, description) =
         named.map_or((quote!(""), ""), |(name, description)| (name.to_token_stream(), description));
-    let is_sampled = options.has("sample_time");
+    let rates = if is_stub { &[] } else { options.rates() };
+    let (is_sampled, has_rates) =
+        (options.has("sample_time") || !rates.is_empty(), !rates.is_empty());
     let continuous = options.span("continuous").filter(|_| !is_stub);
     let is_continuous = continuous.is_some();
     let step = options.expression("step");
@@ -100,9 +108,11 @@ fn model(
     // What the author implements.
     let author = match continuous {
         Some(place) => respan(place, quote!(<Self as #krate::Continuous>)),
+        None if has_rates => respan(ident.span(), quote!(<Self as #krate::MultiRate>)),
         None => respan(ident.span(), quote!(<Self as #krate::Simulate>)),
     };
     let step = match (is_continuous, step) {
+        _ if has_rates => quote!(::core::unreachable!("from {time} s by {step} s")),
         (false, _) => quote!(#author::step(self, time, step)),
         (true, Some(function)) => quote!(#function(self, time, step)),
         (true, None) => quote!(::core::unreachable!("from {time} s by {step} s")),
@@ -148,8 +158,31 @@ fn model(
             }
         }
     });
-    let stepped = quote!(impl #generics #krate::Stepped for #ident #arguments #condition {});
-    let stepped = (!is_continuous).then_some(stepped);
+    let stepped = match (is_continuous, has_rates) {
+        (true, _) => TokenStream::new(),
+        (_, true) => quote!(impl #generics #krate::Rated for #ident #arguments #condition {}),
+        _ => quote!(impl #generics #krate::Stepped for #ident #arguments #condition {}),
+    };
+    let count = rates.len();
+    let ticks = has_rates.then(|| {
+        let names = rates.iter().map(|(name, _)| name.to_string());
+        let times = rates.iter().map(|(_, sample_time)| sample_time.real());
+        let methods = rates
+            .iter()
+            .map(|(name, _)| respan(name.span(), quote!(Self::#name(self, time, step))));
+        let indices = 0..count;
+        quote! {
+            fn rates(&self) -> ::std::vec::Vec<(&'static str, f64)> {
+                ::std::vec::Vec::from([#((#names, #times)),*])
+            }
+            fn on_tick(&mut self, rate: usize, time: f64, step: f64) -> #result {
+                match rate {
+                    #(#indices => #methods,)*
+                    _ => ::core::result::Result::Ok(()),
+                }
+            }
+        }
+    });
     // A constant, whose function is compiled in tests only.
     let drive = input.generics.params.is_empty().then(|| {
         quote! {
@@ -167,6 +200,7 @@ fn model(
             const NAME: &'static str = #name;
             const DESCRIPTION: &'static str = #description;
             const IS_SAMPLED: bool = #is_sampled;
+            const RATES: usize = #count;
             const IS_CONTINUOUS: bool = #is_continuous;
             const IS_INTEGRATED: bool = #is_integrated;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
@@ -185,6 +219,7 @@ fn model(
             fn on_reconfigure(&mut self) -> #result { #reconfigure }
             #[inline(always)]
             fn on_step(&mut self, time: f64, step: f64) -> #result { #step }
+            #ticks
             #more
             #log
             #single_instance

@@ -1,9 +1,9 @@
 //! Sample instants: when a sampled controller acts, independent of the host's communication steps.
 
-use serde_core::{Deserialize, Deserializer, Serialize, Serializer};
+use fmu_description::{StateError, StateReader, StateWriter};
 
 use crate::error::ModelError;
-use crate::saved::saved;
+use crate::saved::{Saved, saved};
 
 /// An instant within this fraction of the sample time of a communication point counts as lying on
 /// it: hosts compute time in floating point, so times are never compared for equality.
@@ -14,6 +14,15 @@ const MAX_SAMPLES: f64 = 1e8;
 
 /// The index of the next instant before the first step, which leads to the general case of `count_due`.
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
+
+/// Until when instants are due.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Due {
+    /// Before the end of a step (s), to which its last instant does not belong.
+    Before(f64),
+    /// Up to a time of event mode (s), which belongs to them.
+    Until(f64),
+}
 
 saved! {
     /// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
@@ -43,10 +52,16 @@ impl SampleClock {
     /// # Errors
     /// The sample time is not a positive number.
     pub(crate) fn new(start: f64, ts: f64) -> Result<Self, ModelError> {
+        Self::of_rate("", start, ts)
+    }
+
+    /// As [`new`](Self::new), for a rate with a name.
+    fn of_rate(name: &str, start: f64, ts: f64) -> Result<Self, ModelError> {
         let rate = 1.0 / ts;
         if !(ts > 0.0 && ts.is_finite() && rate.is_finite()) {
+            let of = if name.is_empty() { "" } else { " of " };
             return Err(ModelError::new(format_args!(
-                "the sample time is {ts} s; expected a positive number"
+                "the sample time{of}{name} is {ts} s; expected a positive number"
             )));
         }
         Ok(Self { start, ts, rate, next: BEFORE_FIRST_STEP })
@@ -101,11 +116,20 @@ impl SampleClock {
     /// # Errors
     /// As [`count_due`](Self::count_due).
     pub(crate) fn count_due_until(&mut self, time: f64) -> Result<u32, ModelError> {
-        // The time may come from `next_instant`, whose rounding error exceeds the tolerance if the time
-        // is long compared to the sample time.
-        let rounding = f64::EPSILON * (time.abs() + self.start.abs()) * self.rate;
-        let end = libm::floor(self.samples_to(time) + 2.0 * TOLERANCE + rounding) + 1.0;
-        self.count_to(time, end)
+        self.count_to(time, self.end(Due::Until(time)))
+    }
+
+    /// The instants that are due have smaller indices.
+    fn end(&self, due: Due) -> f64 {
+        match due {
+            Due::Before(time) => self.samples_to(time),
+            Due::Until(time) => {
+                // The time may come from `next_instant`, whose rounding error exceeds the tolerance if the time
+                // is long compared to the sample time.
+                let rounding = f64::EPSILON * (time.abs() + self.start.abs()) * self.rate;
+                libm::floor(self.samples_to(time) + 2.0 * TOLERANCE + rounding) + 1.0
+            }
+        }
     }
 
     /// The sample time (s), which stays the same if the variable from which it came changes.
@@ -149,91 +173,79 @@ fn check_count(samples: f64) -> Result<(), ModelError> {
     }
 }
 
-/// The clocks of a model with several sample times, which tick in the order of time.
-///
-/// A model with one sample time needs no clock of its own: `#[model(sample_time = ...)]` calls its step at the
-/// instants.
-///
-/// ```
-/// use fmu_export::SampleClocks;
-///
-/// let mut clocks = SampleClocks::new(0.0, &[0.002, 0.001])?;
-/// let mut ticks = Vec::new();
-/// while let Some(tick) = clocks.next_tick(0.0, 0.003)? {
-///     ticks.push((tick.time, tick.clock));
-/// }
-/// // At the same time, the clocks tick in the order in which they were given.
-/// assert_eq!(ticks, [(0.0, 0), (0.0, 1), (0.001, 1), (0.002, 0), (0.002, 1)]);
-/// # Ok::<(), fmu_export::ModelError>(())
-/// ```
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct SampleClocks(Vec<SampleClock>);
+/// The clocks of a model with several rates, in the order in which these are declared.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct RateClocks(Vec<SampleClock>);
 
-impl Serialize for SampleClocks {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer
-            .collect_seq(self.0.iter().map(|clock| (clock.start, clock.ts, clock.rate, clock.next)))
-    }
-}
-
-impl<'de> Deserialize<'de> for SampleClocks {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let clocks = Vec::deserialize(deserializer)?.into_iter();
-        Ok(Self(
-            clocks.map(|(start, ts, rate, next)| SampleClock { start, ts, rate, next }).collect(),
-        ))
-    }
-}
-
-/// A tick of one of several [`SampleClocks`].
+/// A sample instant of one of several rates.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tick {
-    /// The index of the clock.
-    pub clock: usize,
+pub(crate) struct Tick {
+    /// The index of the rate.
+    pub(crate) rate: usize,
     /// The instant (s).
-    pub time: f64,
+    pub(crate) time: f64,
+    /// The sample time (s).
+    pub(crate) sample_time: f64,
+    /// The index of the instant.
+    instant: f64,
 }
 
-impl SampleClocks {
-    /// Clocks with these sample times (s), which all tick at `start` (s) for the first time.
+impl RateClocks {
+    /// Clocks that are not set, for a model with so many rates.
+    pub(crate) fn unset(rates: usize) -> Self {
+        Self(vec![SampleClock::UNSET; rates])
+    }
+
+    /// Clocks for rates, each with its name and sample time (s), which all tick at `start` (s) for the first time.
     ///
     /// # Errors
     /// A sample time is not a positive number.
-    pub fn new(start: f64, sample_times: &[f64]) -> Result<Self, ModelError> {
-        let clocks = sample_times.iter().map(|ts| SampleClock::new(start, *ts));
+    pub(crate) fn new(start: f64, rates: &[(&str, f64)]) -> Result<Self, ModelError> {
+        let clocks = rates.iter().map(|(name, ts)| SampleClock::of_rate(name, start, *ts));
         clocks.collect::<Result<_, _>>().map(Self)
     }
 
-    /// The next tick in `[time, time + step)` (up to rounding), each once. At the same time, up to rounding, the
-    /// clocks tick in the order in which they were given.
+    /// Checks the number of ticks that are due in a step from `time`.
     ///
     /// # Errors
-    /// There are no clocks, or more than 100 million ticks are left. The step is discarded: the clocks are unchanged.
-    pub fn next_tick(&mut self, time: f64, step: f64) -> Result<Option<Tick>, ModelError> {
-        if self.0.is_empty() {
-            return Err(ModelError::new("the clocks are not set; expected sample times"));
-        }
-        let (mut ticks, mut fastest, mut first) = (0.0, f64::INFINITY, f64::INFINITY);
-        let end = time + step;
-        let due = |clock: &SampleClock| clock.next_from(time) < clock.samples_to(end);
-        for clock in &self.0 {
-            ticks += libm::ceil(clock.samples_to(end) - clock.next_from(time)).max(0.0);
-            fastest = fastest.min(clock.ts);
-            if due(clock) {
-                first = first.min(clock.instant(clock.next_from(time)));
-            }
-        }
-        check_count(ticks)?;
+    /// There are more than 100 million. The step is discarded.
+    pub(crate) fn check_count(&self, time: f64, due: Due) -> Result<(), ModelError> {
+        let ticks = |clock: &SampleClock| libm::ceil(clock.end(due) - clock.next_from(time));
+        check_count(self.0.iter().map(|clock| ticks(clock).max(0.0)).sum())
+    }
+
+    /// The next tick that is due in a step from `time`. At the same time, up to rounding, it is the one of the rate
+    /// that is declared first.
+    pub(crate) fn next_tick(&self, time: f64, due: Due) -> Option<Tick> {
+        let tick = |(rate, clock): (usize, &SampleClock)| {
+            let instant = clock.next_from(time);
+            let (time, sample_time) = (clock.instant(instant), clock.ts);
+            (instant < clock.end(due)).then_some(Tick { rate, time, sample_time, instant })
+        };
+        let mut ticks = self.0.iter().enumerate().filter_map(tick);
+        let first = ticks.clone().map(|tick| tick.time).fold(f64::INFINITY, f64::min);
+        let fastest = self.0.iter().map(|clock| clock.ts).fold(f64::INFINITY, f64::min);
         let same = first + TOLERANCE * fastest + 4.0 * f64::EPSILON * first.abs();
-        for (index, clock) in self.0.iter_mut().enumerate() {
-            let next = clock.next_from(time);
-            let instant = clock.instant(next);
-            if due(clock) && instant <= same {
-                clock.next = next + 1.0;
-                return Ok(Some(Tick { clock: index, time: instant }));
-            }
-        }
-        Ok(None)
+        ticks.find(|tick| tick.time <= same)
+    }
+
+    /// Counts a tick, which the model has taken.
+    pub(crate) fn advance(&mut self, tick: Tick) {
+        self.0[tick.rate].next = tick.instant + 1.0;
+    }
+
+    /// The next instant that is not counted; infinite if there are no clocks.
+    pub(crate) fn next_instant(&self) -> f64 {
+        self.0.iter().map(SampleClock::next_instant).fold(f64::INFINITY, f64::min)
+    }
+
+    pub(crate) fn save(&self, to: &mut StateWriter) -> Result<(), StateError> {
+        self.0.iter().try_for_each(|clock| clock.save(to))
+    }
+
+    /// The clocks of a model with so many rates.
+    pub(crate) fn load(from: &mut StateReader<'_>, rates: usize) -> Result<Self, StateError> {
+        (0..rates).map(|_| SampleClock::load(from)).collect::<Result<_, _>>().map(Self)
     }
 }
 
@@ -241,36 +253,54 @@ impl SampleClocks {
 mod tests {
     use super::*;
 
+    /// Counts and returns the ticks that are due: times in ms after the start, and rates.
+    fn ticks(clocks: &mut RateClocks, start: f64, from: f64, due: Due) -> Vec<(i32, usize)> {
+        let mut ticks = Vec::new();
+        while let Some(tick) = clocks.next_tick(from, due) {
+            clocks.advance(tick);
+            ticks.push((libm::round((tick.time - start) * 1000.0) as i32, tick.rate));
+        }
+        ticks
+    }
+
     #[test]
-    fn clocks_tick_in_the_order_of_time_for_any_step() {
+    fn rates_tick_in_the_order_of_time_for_any_step() {
         // Sample times that are no binary fractions meet at the same times up to rounding.
-        let sample_times = [0.1, 0.03, 0.01];
+        let rates = [("slow", 0.1), ("middle", 0.03), ("fast", 0.01)];
+        let expected = (0..6000).flat_map(|ms| {
+            let rates = [100, 30, 10].into_iter().enumerate();
+            rates.filter_map(move |(rate, ts)| (ms % ts == 0).then_some((ms, rate)))
+        });
         for (start, steps) in [(0.0, 1), (0.0, 3), (0.0, 7), (0.0, 600), (1e6, 7), (-3.0, 60)] {
-            let mut clocks = SampleClocks::new(start, &sample_times).unwrap();
-            let mut ticks = Vec::new();
+            let mut clocks = RateClocks::new(start, &rates).unwrap();
+            let mut found = Vec::new();
             for k in 0..steps {
                 let [from, to] = [k, k + 1].map(|k| start + 6.0 * f64::from(k) / f64::from(steps));
-                while let Some(tick) = clocks.next_tick(from, to - from).unwrap() {
-                    ticks.push((libm::round((tick.time - start) * 1000.0) as i32, tick.clock));
-                }
+                found.extend(ticks(&mut clocks, start, from, Due::Before(from + (to - from))));
             }
-            let expected = (0..6000).flat_map(|ms| {
-                let clocks = [100, 30, 10].into_iter().enumerate();
-                clocks.filter_map(move |(clock, ts)| (ms % ts == 0).then_some((ms, clock)))
-            });
-            assert!(ticks.iter().copied().eq(expected), "{start}, {steps} steps");
+            assert!(found.iter().copied().eq(expected.clone()), "{start}, {steps} steps");
+        }
+        // As events, of which each is the next instant.
+        for start in [0.0, 1e6, -3.0] {
+            let mut clocks = RateClocks::new(start, &rates).unwrap();
+            let mut found = Vec::new();
+            while clocks.next_instant() < start + 5.999 {
+                let now = clocks.next_instant();
+                let due = ticks(&mut clocks, start, now, Due::Until(now));
+                assert!(!due.is_empty());
+                found.extend(due);
+            }
+            assert!(found.iter().copied().eq(expected.clone()), "{start}");
         }
     }
 
     #[test]
-    fn clocks_that_are_not_set_or_tick_too_often_are_refused_and_unchanged() {
-        assert!(SampleClocks::default().next_tick(0.0, 1.0).is_err());
-        assert!(SampleClocks::new(0.0, &[]).unwrap().next_tick(0.0, 1.0).is_err());
-        assert!(SampleClocks::new(0.0, &[0.1, 0.0]).is_err());
-        let mut clocks = SampleClocks::new(0.0, &[1.0, 1e-9]).unwrap();
-        let before = clocks.clone();
-        assert!(clocks.next_tick(0.0, 1.0).is_err());
-        assert_eq!(clocks, before);
+    fn rates_that_tick_too_often_or_have_no_sample_time_are_refused() {
+        let error = RateClocks::new(0.0, &[("slow", 0.1), ("fast", 0.0)]).unwrap_err();
+        assert_eq!(error.reason(), "the sample time of fast is 0 s; expected a positive number");
+        let clocks = RateClocks::new(0.0, &[("slow", 1.0), ("fast", 1e-9)]).unwrap();
+        assert!(clocks.check_count(0.0, Due::Before(1.0)).is_err());
+        assert!(clocks.check_count(0.0, Due::Before(1e-3)).is_ok());
     }
 
     #[test]

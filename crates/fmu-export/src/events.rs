@@ -2,7 +2,7 @@
 
 use fmi_abi::state::State;
 
-use crate::clock::SampleClock;
+use crate::clock::{Due, SampleClock};
 use crate::error::{ModelError, Severity};
 use crate::instance::{EventUpdate, Instance};
 use crate::lifecycle::{InstanceType, Lifecycle};
@@ -57,6 +57,10 @@ impl Instance {
     }
 
     fn take_due_samples(&mut self, time: f64) -> Result<(), ModelError> {
+        if self.model.info().rates > 0 {
+            self.take_ticks(time, Due::Until(time))?;
+            return self.model.check_outputs();
+        }
         let clock = &mut self.shared.lifecycle.clock;
         let before = *clock;
         let due = clock.count_due_until(time)?;
@@ -76,6 +80,23 @@ impl Instance {
                 *clock = before;
                 return Err(error);
             }
+        }
+        Ok(())
+    }
+
+    /// Takes what is due at the rates of the model, in the order of time.
+    pub(crate) fn take_ticks(&mut self, time: f64, due: Due) -> Result<(), ModelError> {
+        self.shared.clocks.check_count(time, due)?;
+        let mut is_changed = false;
+        while let Some(tick) = self.shared.clocks.next_tick(time, due) {
+            let behavior = self.model.behavior_mut();
+            let taken = behavior.on_tick(tick.rate, tick.time, tick.sample_time);
+            taken.map_err(|error| match is_changed {
+                true => error.with_severity(Severity::Broken), // earlier samples have changed the model
+                false => error,
+            })?;
+            self.shared.clocks.advance(tick);
+            is_changed = true;
         }
         Ok(())
     }
@@ -106,8 +127,12 @@ impl Instance {
     /// The time of the next event that is not handled, if it is known.
     pub(crate) fn next_event(&self) -> Option<f64> {
         let lifecycle = &self.shared.lifecycle;
-        if self.model.info().is_sampled {
-            return Some(lifecycle.clock.next_instant());
+        let info = self.model.info();
+        if info.is_sampled {
+            return Some(match info.rates {
+                0 => lifecycle.clock.next_instant(),
+                _ => self.shared.clocks.next_instant(),
+            });
         }
         let handled = lifecycle.integration.handled;
         let event = self.model.behavior().on_next_event(handled);

@@ -176,6 +176,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
     fn is_plain_step(&self, time: f64, step: f64) -> bool {
         let lifecycle = &self.instance.shared.lifecycle;
         !M::IS_INTEGRATED
+            && M::RATES == 0
             && lifecycle.is_next_step(time, step)
             && (!M::IS_SAMPLED || lifecycle.clock.is_one_due(time, step))
             && !(LaidOut::<M, N>::HAS_INPUT_DERIVATIVES && lifecycle.has_input_derivatives)

@@ -2,7 +2,7 @@
 
 use fmi_abi::state::State;
 
-use crate::clock::SampleClock;
+use crate::clock::{RateClocks, SampleClock};
 use crate::error::{ModelError, Severity};
 use crate::instance::Instance;
 use crate::lifecycle::{InstanceType, IntegrationState};
@@ -47,7 +47,11 @@ impl Instance {
         if info.is_continuous {
             model.behavior_mut().on_evaluate(start.time)?;
         }
-        let clock = match info.is_sampled {
+        let clocks = match info.rates {
+            0 => None,
+            _ => Some(RateClocks::new(start.time, &model.behavior().rates())?),
+        };
+        let clock = match info.is_sampled && clocks.is_none() {
             true => SampleClock::new(start.time, model.behavior().sample_time())?,
             false => SampleClock::UNSET,
         };
@@ -57,6 +61,9 @@ impl Instance {
         })?;
         if info.is_integrated {
             shared.before = Some(model.copy());
+        }
+        if let Some(clocks) = clocks {
+            shared.clocks = clocks;
         }
         let lifecycle = &mut shared.lifecycle;
         (lifecycle.clock, lifecycle.integration) = (clock, integration);

@@ -14,6 +14,7 @@ use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{LogCategory, Naming, Variability};
 
 use crate::any_model::{AnyModel, VariantStarts};
+use crate::clock::RateClocks;
 use crate::error::{ModelError, Severity, ensure};
 use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::log::Log;
@@ -120,6 +121,8 @@ pub(crate) struct Instance<M: ?Sized = dyn AnyModel> {
 /// All of an instance but its model.
 pub(crate) struct Shared {
     pub(crate) lifecycle: Lifecycle,
+    /// The sample instants of a model with several rates.
+    pub(crate) clocks: RateClocks,
     pub(crate) settings: Settings,
     pub(crate) guid: &'static Guid,
     variant: Option<VariantStarts>,
@@ -160,6 +163,7 @@ impl<M: AnyModel> Instance<M> {
         Self {
             shared: Shared {
                 lifecycle: Lifecycle::new(settings.instance_type),
+                clocks: RateClocks::unset(info.rates),
                 settings,
                 guid,
                 variant,
@@ -316,6 +320,7 @@ impl Instance {
         self.model.reset(shared.variant);
         self.model.connect_log(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.instance_type);
+        shared.clocks = RateClocks::unset(self.model.info().rates);
         shared.starts = None;
         self.enter(State::Instantiated);
         Ok(())

@@ -263,6 +263,8 @@ pub(crate) struct ModelInfo {
     pub(crate) event_indicators: &'static [usize],
     /// Whether the model has a sample time.
     pub(crate) is_sampled: bool,
+    /// The number of its rates; 0 if it has no sample time, or one.
+    pub(crate) rates: usize,
     /// Whether it has equations, see [`Continuous`](crate::Continuous).
     pub(crate) is_continuous: bool,
     /// Whether they are integrated here in co-simulation.

@@ -49,7 +49,7 @@
 //! | refuse, discard or end a step | [`ModelError`] |
 //! | write messages to the host's logger | [`Log`] |
 //! | test a model without a host | [`testing::Driver`] |
-//! | have several sample times | [`SampleClocks`] |
+//! | have several sample times | [`MultiRate`] |
 //!
 //! # How it works
 //!
@@ -103,7 +103,6 @@ mod step;
 pub mod testing;
 mod values;
 
-pub use clock::{SampleClocks, Tick};
 #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
 pub use edge::fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
@@ -126,8 +125,8 @@ pub use fmu_description::{Choice, Variables};
 pub use fmu_description::{derive, interface as embedded};
 pub use log::Log;
 #[doc(hidden)]
-pub use model::{Behavior, Stepped};
-pub use model::{Continuous, Model, Simulate, Start};
+pub use model::{Behavior, Rated, Stepped};
+pub use model::{Continuous, Model, MultiRate, Simulate, Start};
 #[doc(hidden)]
 #[cfg(all(feature = "fmi3", not(feature = "fmi2")))]
 pub use no_functions as functions_of_fmi2;
@@ -140,7 +139,8 @@ pub use single_instance::SingleInstance;
 /// What a model needs: `use fmu_export::prelude::*;`.
 pub mod prelude {
     pub use crate::{
-        Choice, Context, Continuous, Log, Model, ModelError, Simulate, Start, Variables, export,
+        Choice, Context, Continuous, Log, Model, ModelError, MultiRate, Simulate, Start, Variables,
+        export,
     };
 }
 

@@ -83,7 +83,7 @@ saved! {
         pub(crate) stale: bool,
         /// Whether an input has a time derivative for the next step.
         pub(crate) has_input_derivatives: bool,
-        /// The sample instants of a model with a sample time.
+        /// The sample instants of a model with one sample time.
         pub(crate) clock: SampleClock,
         pub(crate) integration: IntegrationState,
     }

@@ -23,8 +23,10 @@ pub trait Model: Variables + Behavior {
     const NAME: &'static str;
     /// Description of the model in one sentence.
     const DESCRIPTION: &'static str;
-    /// Whether it has a sample time.
+    /// Whether it has a sample time, or several.
     const IS_SAMPLED: bool;
+    /// The number of its rates; 0 if it has no sample time, or one.
+    const RATES: usize = 0;
     /// Whether it is [`Continuous`].
     const IS_CONTINUOUS: bool = false;
     /// Whether its equations are integrated in co-simulation: it has no step of its own.
@@ -50,19 +52,29 @@ pub trait Model: Variables + Behavior {
     }
 }
 
-/// What a model does, whether its author implements [`Simulate`] or [`Continuous`]; implemented by
+/// What a model does, whether its author implements [`Simulate`], [`MultiRate`] or [`Continuous`]; implemented by
 /// `#[derive(Model)]`. Functions that the model does not have do nothing.
 #[doc(hidden)]
 #[allow(unused_variables, reason = "the names document the arguments")]
 pub trait Behavior: Any {
-    /// The sample time (s); 0 if it has none.
+    /// The sample time (s); 0 if it has none, or several.
     fn sample_time(&self) -> f64;
+
+    /// The names and the sample times (s) of its rates.
+    fn rates(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
+
+    /// Takes the sample of a rate at an instant `time`; `step` is its sample time.
+    fn on_tick(&mut self, rate: usize, time: f64, step: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
 
     fn on_initialize(&mut self, start: &Start) -> Result<(), ModelError>;
 
     fn on_reconfigure(&mut self) -> Result<(), ModelError>;
 
-    /// Not called if the model is integrated.
+    /// Not called if the model is integrated, or has several rates.
     fn on_step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
 
     fn on_evaluate(&mut self, time: f64) -> Result<(), ModelError> {
@@ -136,6 +148,77 @@ pub trait Simulate: Model + Stepped {
     /// The step cannot be computed. The instance can then only be restored, reset or freed, unless
     /// the error leaves the model unchanged: [`ModelError::refuse`] or [`ModelError::discard`].
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
+}
+
+/// A model with `#[model(rates(...))]`, implemented by `#[derive(Model)]`.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` has no rates",
+    note = "name them and their sample times: `#[model(rates(slow = 0.1, fast = 0.001))]`"
+)]
+pub trait Rated {}
+
+/// How a model with several sample times starts, instead of [`Simulate`].
+///
+/// `#[model(rates(slow = 0.1, fast = 0.001))]` calls a method of the model for each rate, `fn slow(&mut self, time:
+/// f64, step: f64) -> Result<(), ModelError>`, at its instants `time` = start time + k `step`, where `step` is its
+/// sample time; the outputs hold in between. The instants are taken in the order of time, whatever the communication
+/// steps, and at the same time in the order in which the rates are declared.
+///
+/// ```
+/// use fmu_export::prelude::*;
+///
+/// /// Cascade of a slow and a fast controller
+/// #[derive(Model)]
+/// #[model(rates(slow = 0.1, fast = self.ts))]
+/// pub struct Cascade {
+///     /// set-point
+///     #[input]
+///     r: f64,
+///     /// force
+///     #[output]
+///     u: f64,
+///     /// sample time of the fast controller
+///     #[parameter(start = 0.001, min = 1e-6, unit = "s")]
+///     ts: f64,
+///     inner_set_point: f64,
+/// }
+///
+/// impl Cascade {
+///     fn slow(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+///         self.inner_set_point = 0.5 * self.r;
+///         Ok(())
+///     }
+///
+///     fn fast(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
+///         self.u += 10.0 * step * (self.inner_set_point - self.u);
+///         Ok(())
+///     }
+/// }
+///
+/// impl MultiRate for Cascade {}
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not say how it starts",
+    note = "with `#[model(rates(...))]`, write `impl MultiRate` for it; it may be empty"
+)]
+#[allow(unused_variables, reason = "the names document the arguments")]
+pub trait MultiRate: Model + Rated {
+    /// As [`Simulate::initialize`].
+    ///
+    /// # Errors
+    /// The parameters are inconsistent, or a resource cannot be read.
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// As [`Simulate::reconfigure`].
+    ///
+    /// # Errors
+    /// The model cannot continue with these sizes.
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        Ok(())
+    }
 }
 
 /// The equations of a model with `#[model(continuous)]`: what it does, instead of [`Simulate`].

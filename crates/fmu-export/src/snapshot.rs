@@ -6,6 +6,7 @@ use fmu_description::hash::checksum;
 use fmu_description::{StateReader, StateWriter};
 
 use crate::any_model::AnyModel;
+use crate::clock::RateClocks;
 use crate::error::{ModelError, ensure};
 use crate::instance::{Guid, Instance};
 use crate::lifecycle::Lifecycle;
@@ -28,6 +29,7 @@ const HEADER: usize = MAGIC.len() + size_of::<u32>() + size_of::<Guid>();
 pub(crate) struct Snapshot {
     guid: Guid,
     pub(crate) lifecycle: Lifecycle,
+    clocks: RateClocks,
     starts: Option<Box<dyn AnyModel>>,
     model: Box<dyn AnyModel>,
 }
@@ -39,6 +41,7 @@ impl Instance {
         Ok(Snapshot {
             guid: *self.shared.guid,
             lifecycle: self.shared.lifecycle,
+            clocks: self.shared.clocks.clone(),
             starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
             model: self.model.copy(),
         })
@@ -79,6 +82,7 @@ impl Instance {
             text(shared.guid)
         );
         shared.lifecycle = snapshot.lifecycle;
+        shared.clocks.clone_from(&snapshot.clocks);
         shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
         Ok(())
     }
@@ -90,6 +94,7 @@ impl Instance {
         let format = self.model.info().state_format;
         let is_own = self.model.type_id() == (*state.model).type_id();
         let saved = state.lifecycle.save(&mut payload).is_ok()
+            && state.clocks.save(&mut payload).is_ok()
             && payload.put(&state.starts.is_some()).is_ok()
             && state.model.save(&mut payload).is_ok()
             && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok());
@@ -129,6 +134,8 @@ impl Instance {
         if !instance_type.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
             return Err(damaged());
         }
+        let rates = self.model.info().rates;
+        let clocks = RateClocks::load(&mut loader, rates).map_err(|_| damaged())?;
         let has_starts: bool = loader.take().map_err(|_| damaged())?;
         let mut load = || {
             let mut model = self.model.copy();
@@ -139,7 +146,7 @@ impl Instance {
         if !loader.is_empty() {
             return Err(damaged());
         }
-        Ok(Snapshot { guid: *expected, lifecycle, starts, model })
+        Ok(Snapshot { guid: *expected, lifecycle, clocks, starts, model })
     }
 }
 

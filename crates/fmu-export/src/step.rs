@@ -6,6 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use dormand_prince::solver::{self, Advanced, Events};
 use fmi_abi::state::State;
 
+use crate::clock::Due;
 use crate::error::ModelError;
 use crate::instance::{Instance, IntermediateUpdate, Status, StepEnd};
 use crate::lifecycle::InstanceType;
@@ -46,7 +47,10 @@ impl Instance {
 
     /// Takes a step, or the samples in it, by the function of the model.
     fn take_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        if self.model.info().is_sampled {
+        let info = self.model.info();
+        if info.rates > 0 {
+            self.take_ticks(time, Due::Before(time + step))?;
+        } else if info.is_sampled {
             let clock = &mut self.shared.lifecycle.clock;
             let before = *clock;
             let due = clock.count_due(time, step)?;
@@ -200,9 +204,13 @@ impl Stepping {
         let counted = instance.call(call, |instance| {
             let shared = &instance.shared;
             let is_whole = !shared.settings.early_return_allowed;
-            if is_whole && instance.model.info().is_sampled {
+            let info = instance.model.info();
+            if is_whole && info.is_sampled {
                 let mut clock = shared.lifecycle.clock;
-                let counted = clock.count_due(time, step);
+                let counted = match info.rates {
+                    0 => clock.count_due(time, step).map(drop),
+                    _ => shared.clocks.check_count(time, Due::Before(time + step)),
+                };
                 counted.map_err(|error| error.in_step(time, step))?;
             }
             Ok(())

@@ -16,6 +16,7 @@ mod integration;
 mod log;
 mod models;
 mod ramps;
+mod rates;
 mod samples;
 mod saved;
 mod single_instance;

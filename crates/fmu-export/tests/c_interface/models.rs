@@ -122,7 +122,7 @@ pub const DIVERGE: f64 = 4.0;
 pub const BUG: f64 = 5.0;
 
 /// Fails as an input says; the first word says what.
-fn fail(trouble: f64) -> Result<(), ModelError> {
+pub fn fail(trouble: f64) -> Result<(), ModelError> {
     assert!(trouble != BUG, "the bug shows");
     match trouble {
         REFUSE => Err(ModelError::refuse("refused by the model")),
