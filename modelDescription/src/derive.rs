@@ -10,7 +10,7 @@ pub use crate::table::{
     Bounds, Declaration, Dynamics, Enumeration, History, Item, TableRow, TypedStart,
 };
 pub use crate::variables::{Choice, HasClone, HasDefault, HasDeserialize, HasSerialize, Variables};
-pub use crate::vocabulary::{Causality, Naming, Variability};
+pub use crate::vocabulary::{Causality, Naming, OwnCategory, Variability};
 
 /// The elements of an array that are in use.
 #[inline(always)]

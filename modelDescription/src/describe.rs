@@ -85,10 +85,12 @@ impl ExportedModel {
             .with("stopTime", stop)
             .with("tolerance", tolerance)
             .with("stepSize", step);
-        let categories = LogCategory::of_model(self.has_log).map(|category| {
-            Element::new("Category")
-                .with("name", category.name().to_string_lossy())
-                .with("description", category.description())
+        let categories = LogCategory::of_model(self.has_log)
+            .map(|category| (category.name().to_string_lossy(), category.description()));
+        let own = self.log_categories.iter();
+        let own = own.map(|(name, description)| (name.into(), &**description));
+        let categories = categories.chain(own).map(|(name, description)| {
+            Element::new("Category").with("name", name).with("description", description)
         });
         let root = match version {
             FmiVersion::Fmi2 => fmi2::interfaces(self, &writer.variables, root),

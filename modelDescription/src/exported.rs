@@ -22,6 +22,8 @@ pub struct ExportedModel {
     pub is_continuous: bool,
     /// Whether it has a log of its own.
     pub has_log: bool,
+    /// The names and descriptions of the log categories that it declares.
+    pub log_categories: Vec<(String, String)>,
     /// Whether its state cannot be saved.
     pub is_unsaved: bool,
     /// Whether a process can have one instance only.

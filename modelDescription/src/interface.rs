@@ -7,7 +7,7 @@
 use crate::hash::{Hash, checksum};
 use crate::scalar::{ScalarVariable, each_variable, length};
 use crate::table::{Bounds, Constant, Declaration, Dynamics, TypedStart, each};
-use crate::{Causality, Initial, Naming, Type, Value, Variability};
+use crate::{Causality, Initial, Naming, OwnCategory, Type, Value, Variability};
 
 /// All that an FMU binary knows of a model's interface.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +22,8 @@ pub struct Interface {
     pub is_continuous: bool,
     /// Whether it has a log of its own.
     pub has_log: bool,
+    /// The log categories that it declares.
+    pub log_categories: &'static [OwnCategory],
     /// Whether its state cannot be saved.
     pub is_unsaved: bool,
     /// Whether a process can have one instance only.
@@ -381,7 +383,13 @@ impl<const N: usize> CopyWriter<N> {
         self.text(interface.name.as_bytes());
         self.text(interface.description.as_bytes());
         self.raw(&[interface.is_sampled as u8, interface.is_continuous as u8]);
-        self.raw(&[interface.has_log as u8, interface.is_unsaved as u8]);
+        self.raw(&[interface.has_log as u8]);
+        self.number(interface.log_categories.len() as u128);
+        each!(category in interface.log_categories => {
+            self.text(category.name.to_bytes());
+            self.text(category.description.as_bytes());
+        });
+        self.raw(&[interface.is_unsaved as u8]);
         self.raw(&[interface.is_single_instance as u8, interface.is_unserialized as u8]);
         self.raw(&[interface.naming as u8]);
         let (stop_time, step_size) = interface.default_experiment;

@@ -73,4 +73,4 @@ pub use value::Value;
 pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
 #[cfg(feature = "table")]
 pub use variables::{Choice, Variables};
-pub use vocabulary::{Causality, Initial, LogCategory, Naming, Type, Variability};
+pub use vocabulary::{Causality, Initial, LogCategory, Naming, OwnCategory, Type, Variability};

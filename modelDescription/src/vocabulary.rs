@@ -154,6 +154,28 @@ pub enum LogCategory {
     All,
 }
 
+/// A log category that a model declares for messages of its own.
+#[derive(Debug, Clone, Copy)]
+pub struct OwnCategory {
+    /// Its name.
+    pub name: &'static CStr,
+    /// Its description in the XML.
+    pub description: &'static str,
+}
+
+impl OwnCategory {
+    /// How many a model may have.
+    pub const MAX: usize = 24;
+
+    /// The category with a name, which ends with a zero byte.
+    pub const fn new(name: &'static str, description: &'static str) -> Self {
+        match CStr::from_bytes_with_nul(name.as_bytes()) {
+            Ok(name) => Self { name, description },
+            Err(_) => panic!("the name of a log category has no zero byte, or several"),
+        }
+    }
+}
+
 impl LogCategory {
     /// The categories of a model: only one with a log of its own has the category for it.
     pub fn of_model(has_log: bool) -> impl Iterator<Item = Self> {

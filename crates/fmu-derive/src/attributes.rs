@@ -40,7 +40,7 @@ pub enum Role {
 }
 
 use Role::{
-    Constant, Derivative, EventIndicator, Input, Local, Nested, Output, Parameter, Saved,
+    Constant, Derivative, EventIndicator, Input, Local, Log, Nested, Output, Parameter, Saved,
     StructuralParameter,
 };
 
@@ -76,7 +76,7 @@ const ROLES: [(&str, Role); 13] = [
     ("derivative", Derivative),
     ("event_indicator", EventIndicator),
     ("nested", Nested),
-    ("log", Role::Log),
+    ("log", Log),
     ("saved", Saved),
     ("copied", Role::Copied),
     ("unsaved", Role::Unsaved),
@@ -143,6 +143,7 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("prefix", text), &[Nested]),
     (("flatten", flag), &[Nested]),
     (("with", path), &[Saved]),
+    (("category", text), &[Log]),
 ];
 const DESCRIBED: &[Role] =
     &[Derivative, Input, Output, Parameter, StructuralParameter, Local, Constant, EventIndicator];

@@ -1,7 +1,7 @@
 //! A field of a struct, with its attribute checked.
 
 use fmu_description::words::is_identifier;
-use fmu_description::{Type as FmiType, Unit};
+use fmu_description::{LogCategory, Type as FmiType, Unit};
 use proc_macro2::{Span, TokenStream};
 use quote::ToTokens;
 use syn::spanned::Spanned;
@@ -70,6 +70,12 @@ impl Field {
                 let what = "expected a module with the functions `save` and `load`, as in `#[saved(with = module)]`";
                 return error(&found.ident, what);
             }
+            Role::Log => {
+                if let Some(category) = found.options.text("category") {
+                    found.name = log_category(category.clone())?;
+                    found.description = required_description(&field.attrs, &found.ident)?;
+                }
+            }
             _ if !role.has_rows() => {}
             Role::Nested if !matches!(found.element_type(), Type::Path(_)) => {
                 return error(&field.ty, "expected a struct with #[derive(Variables)]");
@@ -90,6 +96,11 @@ impl Field {
             }
         }
         Ok(found)
+    }
+
+    /// The category of a log, if it has one of its own.
+    pub fn log_category(&self) -> Option<&LitStr> {
+        self.options.text("category")
     }
 
     /// Where errors of the field are shown.
@@ -387,6 +398,15 @@ fn fmi_type(ty: &Type) -> Result<FmiType> {
         ty,
         "not a type of an FMI variable; expected f64, f32, i8 to i64, u8 to u64, bool, String, Vec<u8>, an enum with #[derive(Choice)], or an array such as [f64; 3]",
     )
+}
+
+/// A log category that the exporter does not use.
+fn log_category(name: LitStr) -> Result<LitStr> {
+    let is_known = |known: LogCategory| known.name().to_bytes() == name.value().as_bytes();
+    match LogCategory::of_model(true).any(is_known) {
+        true => error(&name, "the exporter uses this category; expected another one"),
+        false => structured(name),
+    }
 }
 
 /// The type without parentheses, also those invisible that `macro_rules!` adds.

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use fmu_description::Naming;
+use fmu_description::{Naming, OwnCategory};
 use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
@@ -41,13 +41,33 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
         let what = "only a continuous model names its step; expected `fn step` in `impl Simulate`";
         return error(step, what);
     }
-    let mut logs = fields.iter().filter(|field| field.role == Role::Log);
-    let log = logs.next();
-    if let Some(second) = logs.next() {
-        return error(&second.ident, "a model has one log");
-    }
-    let model = model(input, &options, Some((&name, &description)), log);
+    let logs: Vec<_> = fields.iter().filter(|field| field.role == Role::Log).collect();
+    check_logs(&logs)?;
+    let model = model(input, &options, Some((&name, &description)), &logs);
     Ok(quote!(#variables #model))
+}
+
+/// Checks that the host can tell the logs apart.
+fn check_logs(logs: &[&Field]) -> Result<()> {
+    let mut categories = HashSet::new();
+    for log in logs {
+        let category = log.log_category().map(LitStr::value);
+        match (categories.insert(category.clone()), category) {
+            (true, _) => {}
+            (false, Some(name)) => {
+                return error(&log.ident, format!("two logs have the category {name:?}"));
+            }
+            (false, None) => {
+                let what =
+                    "a model has one log without a category; expected `#[log(category = ...)]`";
+                return error(&log.ident, what);
+            }
+        }
+    }
+    match logs.get(OwnCategory::MAX) {
+        Some(log) => error(&log.ident, format!("a model has at most {} logs", OwnCategory::MAX)),
+        None => Ok(()),
+    }
 }
 
 /// Implements `Variables`.
@@ -74,7 +94,7 @@ pub fn stub_variables(input: &DeriveInput) -> TokenStream {
 pub fn stub(input: &DeriveInput) -> TokenStream {
     let options = Options::from_attributes(&input.attrs, MODEL).unwrap_or_default();
     let variables = variables(input, &options, None);
-    let model = model(input, &options, None, None);
+    let model = model(input, &options, None, &[]);
     quote!(#variables #model)
 }
 
@@ -83,7 +103,7 @@ fn model(
     input: &DeriveInput,
     options: &Options,
     named: Option<(&LitStr, &String)>,
-    log: Option<&Field>,
+    logs: &[&Field],
 ) -> TokenStream {
     let (ident, krate) = (&input.ident, options.krate());
     let is_stub = named.is_none();
@@ -149,14 +169,31 @@ fn model(
         Some(Naming::Structured) => quote!(Some(#krate::derive::Naming::Structured)),
         None => quote!(None),
     };
-    let has_log = log.is_some();
-    let log = log.map(|Field { ident, .. }| {
-        let log = respan(ident.span(), quote!(&mut self.#ident));
+    let (with_category, without): (Vec<&Field>, Vec<&Field>) =
+        logs.iter().partition(|log| log.log_category().is_some());
+    let has_log = !without.is_empty();
+    let log = (!logs.is_empty()).then(|| {
+        let option = quote!(::core::option::Option);
+        let arms = with_category.iter().chain(&without).enumerate().map(|(index, log)| {
+            let ident = &log.ident;
+            let field = respan(ident.span(), quote!(&mut self.#ident));
+            let category = match log.log_category() {
+                Some(_) => quote!(#option::Some(#index)),
+                None => quote!(#option::None),
+            };
+            quote!(#index => #option::Some((#field, #category)),)
+        });
+        let log = quote!((&mut #krate::Log, #option<usize>));
         quote! {
-            fn log(&mut self) -> ::core::option::Option<&mut #krate::Log> {
-                ::core::option::Option::Some(#log)
+            fn log(&mut self, index: usize) -> #option<#log> {
+                match index { #(#arms)* _ => #option::None }
             }
         }
+    });
+    let categories = with_category.iter().map(|log| {
+        let name = format!("{}\0", log.name.value());
+        let description = &log.description;
+        quote!(#krate::derive::OwnCategory::new(#name, #description))
     });
     let stepped = match (is_continuous, has_rates) {
         (true, _) => TokenStream::new(),
@@ -206,6 +243,7 @@ fn model(
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
             const TOLERANCE: f64 = #tolerance;
             const HAS_LOG: bool = #has_log;
+            const LOG_CATEGORIES: &'static [#krate::derive::OwnCategory] = &[#(#categories),*];
             const IS_SINGLE_INSTANCE: bool = #is_single_instance;
             const NAMING: ::core::option::Option<#krate::derive::Naming> =
                 ::core::option::Option::#naming;

@@ -51,10 +51,12 @@ pub(crate) trait AnyModel: Any {
 }
 
 impl dyn AnyModel {
-    /// Connects the log of the model, if it has one.
-    pub(crate) fn connect_log(&mut self, to: &Log) {
-        if let Some(log) = self.behavior_mut().log() {
-            log.clone_from(to);
+    /// Connects the logs of the model.
+    pub(crate) fn connect_logs(&mut self, to: &Log) {
+        let (mut index, categories) = (0, self.info().log_categories);
+        while let Some((log, own)) = self.behavior_mut().log(index) {
+            *log = to.in_category(categories, own);
+            index += 1;
         }
     }
 

@@ -50,6 +50,7 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         is_sampled: M::IS_SAMPLED,
         is_continuous: M::IS_CONTINUOUS,
         has_log: M::HAS_LOG,
+        log_categories: M::LOG_CATEGORIES,
         is_unsaved: M::IS_UNSAVED || M::IS_SINGLE_INSTANCE,
         is_single_instance: M::IS_SINGLE_INSTANCE,
         is_unserialized: M::IS_UNSERIALIZED || M::IS_SINGLE_INSTANCE,

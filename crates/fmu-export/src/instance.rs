@@ -148,7 +148,7 @@ impl<M: AnyModel> Instance<M> {
         Identity { guid, variant, .. }: Identity,
         mut model: M,
     ) -> Self {
-        (&mut model as &mut dyn AnyModel).connect_log(&settings.log);
+        (&mut model as &mut dyn AnyModel).connect_logs(&settings.log);
         let info = model.info();
         // providesIntermediateUpdate is false for the others.
         let intermediate_update = (settings.intermediate_update).filter(|_| info.is_continuous);
@@ -285,8 +285,7 @@ impl Instance {
     }
 
     pub(crate) fn switch_log(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
-        let has_log = self.model.info().has_log;
-        self.shared.settings.log.switch(on, categories, has_log)
+        self.shared.settings.log.switch(on, categories, self.model.info())
     }
 
     /// Sets the times of the experiment, and the relative tolerance. A model that is not integrated here keeps
@@ -318,7 +317,7 @@ impl Instance {
     pub(crate) fn reset(&mut self) -> Result<(), ModelError> {
         let shared = &mut self.shared;
         self.model.reset(shared.variant);
-        self.model.connect_log(&shared.settings.log);
+        self.model.connect_logs(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.instance_type);
         shared.clocks = RateClocks::unset(self.model.info().rates);
         shared.starts = None;

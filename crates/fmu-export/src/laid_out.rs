@@ -48,6 +48,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         has_structural_parameters: Self::TABLES.has_structural_parameters,
         has_tunable_structural_parameters: Self::TABLES.has_tunable_structural_parameters,
         has_log: M::HAS_LOG,
+        log_categories: M::LOG_CATEGORIES,
         why_unsaved: match (M::IS_SINGLE_INSTANCE, M::IS_UNSAVED) {
             (true, _) => Some("state outside its fields (single_instance)"),
             (_, true) => Some("fields"),
@@ -119,8 +120,10 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
                 }
             }
         }
-        if let (Some(log), Some(own)) = (fresh.log(), self.model.log()) {
-            std::mem::swap(log, own);
+        let mut index = 0;
+        while let (Some(log), Some(own)) = (fresh.log(index), self.model.log(index)) {
+            std::mem::swap(log.0, own.0);
+            index += 1;
         }
         self.model = fresh;
     }

@@ -4,7 +4,7 @@
 use fmu_description::hash::Hash;
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::table::{Bounds, Declaration, TableRow, TypedStart};
-use fmu_description::{Causality, Dynamics, Value, Variability};
+use fmu_description::{Causality, Dynamics, OwnCategory, Value, Variability};
 
 use crate::deprecated::Warn;
 
@@ -274,6 +274,7 @@ pub(crate) struct ModelInfo {
     pub(crate) tolerance: f64,
     pub(crate) has_directional_derivatives: bool,
     pub(crate) has_log: bool,
+    pub(crate) log_categories: &'static [OwnCategory],
     /// What cannot be saved, if the state of the model cannot.
     pub(crate) why_unsaved: Option<&'static str>,
     /// Whether its state cannot be serialized.

@@ -3,29 +3,53 @@
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
-use std::ffi::CStr;
+use std::ffi::{CStr, c_int};
 use std::fmt::{Arguments, Debug, Display, Formatter};
 use std::mem;
 use std::panic::{AssertUnwindSafe, Location, PanicHookInfo, catch_unwind};
 use std::rc::Rc;
 use std::sync::Once;
 
-use fmu_description::LogCategory;
+use fmu_description::{LogCategory, OwnCategory};
 
 use crate::error::ModelError;
+use crate::layout::ModelInfo;
 
-const EVERY: u8 = STATUSES | bit(LogCategory::Events) | bit(LogCategory::Model);
-const STATUSES: u8 = bit(LogCategory::Events) - 1;
+/// Sets of categories, as bits.
+type Categories = u32;
 
-const fn bit(category: LogCategory) -> u8 {
-    1 << category as u8
+const EVERY: Categories = Categories::MAX;
+const STATUSES: Categories = bit(LogCategory::Events) - 1;
+
+const fn bit(category: LogCategory) -> Categories {
+    1 << category as u32
+}
+
+/// The bit of a category that a model declares.
+const fn bit_of_own(index: usize) -> Categories {
+    const FIRST: Categories = bit(LogCategory::All) << 1;
+    const { assert!(FIRST.leading_zeros() as usize + 1 >= OwnCategory::MAX) };
+    FIRST << index
+}
+
+/// What a host learns of a message besides its text.
+#[derive(Clone, Copy)]
+pub(crate) struct Heading {
+    pub(crate) category: &'static CStr,
+    /// The status, with the number that it has in both versions of FMI.
+    pub(crate) status: c_int,
 }
 
 /// Sends a message to the host.
-pub(crate) type Sink = Box<dyn Fn(LogCategory, &str)>;
+pub(crate) type Sink = Box<dyn Fn(Heading, &str)>;
 
 /// The log of an instance: a model writes to it by a field with the attribute `log`, which the instance connects.
 /// The log of a struct without an instance is silent.
+///
+/// A model may have more logs, each with a category of its own that a host can switch:
+/// `#[log(category = "limits")] limits: Log`, with a doc comment as the description. All its messages have this
+/// category. The host gets information if it enables this category or debug logging, and warnings and errors also if it
+/// wants these of the whole model, as by default.
 ///
 /// A message that nobody wants is not formatted. In [`Continuous::evaluate`](crate::Continuous::evaluate), a model
 /// may write messages for states that the solver only tries.
@@ -58,18 +82,28 @@ pub(crate) type Sink = Box<dyn Fn(LogCategory, &str)>;
 /// }
 /// ```
 #[derive(Clone, Default)]
-pub struct Log(Option<Rc<Open>>);
+pub struct Log {
+    open: Option<Rc<Open>>,
+    own: Option<Own>,
+}
+
+/// The category of a log, if the model declares one for it.
+#[derive(Clone, Copy)]
+struct Own {
+    name: &'static CStr,
+    bit: Categories,
+}
 
 /// A log that somebody reads.
 struct Open {
     sink: Sink,
-    /// Enabled categories, as a set of bits.
-    on: Cell<u8>,
+    /// Enabled categories.
+    on: Cell<Categories>,
 }
 
 impl Debug for Log {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        f.write_str(if self.0.is_some() { "Log" } else { "Log (silent)" })
+        f.write_str(if self.open.is_some() { "Log" } else { "Log (silent)" })
     }
 }
 
@@ -94,27 +128,28 @@ impl Log {
     /// `debug` is true.
     pub(crate) fn new(sink: Option<Sink>, debug: bool) -> Self {
         let on = Cell::new(if debug { EVERY } else { STATUSES });
-        Self(sink.map(|sink| Rc::new(Open { sink, on })))
+        Self { open: sink.map(|sink| Rc::new(Open { sink, on })), own: None }
     }
 
-    /// Enables exactly the named categories, or disables them; without names, all categories. Only some models have
-    /// the category for their own messages.
+    /// The same log for the messages of a category, by its index in those that the model declares.
+    pub(crate) fn in_category(&self, all: &[OwnCategory], index: Option<usize>) -> Self {
+        let own = index
+            .and_then(|index| Some(Own { name: all.get(index)?.name, bit: bit_of_own(index) }));
+        Self { open: self.open.clone(), own }
+    }
+
+    /// Enables exactly the named categories, or disables them; without names, all categories.
     pub(crate) fn switch(
         &self,
         on: bool,
         categories: &[&CStr],
-        has_own: bool,
+        model: &ModelInfo,
     ) -> Result<(), ModelError> {
         let mut set = 0;
         for &name in categories {
-            let mut known = LogCategory::of_model(has_own);
-            let category = known.find(|category| category.name() == name);
-            set |= match category.ok_or_else(|| unknown(name, has_own))? {
-                LogCategory::All => EVERY,
-                category => bit(category),
-            };
+            set |= categories_named(name, model).ok_or_else(|| unknown(name, model))?;
         }
-        if let Some(open) = &self.0 {
+        if let Some(open) = &self.open {
             open.on.set(match (on, categories.is_empty()) {
                 (true, true) => EVERY,
                 (true, false) => set,
@@ -136,10 +171,15 @@ impl Log {
 
     /// Sends a message. It is formatted only if its category is enabled.
     pub(crate) fn send(&self, category: LogCategory, message: Arguments<'_>) {
-        if let Some(open) = &self.0
-            && open.on.get() & bit(category) != 0
-        {
-            (open.sink)(category, &message.to_string());
+        let Some(open) = &self.open else { return };
+        let (name, wanted_by) = match (self.own, category) {
+            (None, _) => (category.name(), bit(category)),
+            (Some(own), LogCategory::Model) => (own.name, own.bit),
+            (Some(own), _) => (own.name, own.bit | bit(category)),
+        };
+        if open.on.get() & wanted_by != 0 {
+            let heading = Heading { category: name, status: category.status() };
+            (open.sink)(heading, &message.to_string());
         }
     }
 }
@@ -150,8 +190,18 @@ pub(crate) fn discard(panic: Box<dyn Any + Send>) {
     let _ = dropped.map_err(mem::forget);
 }
 
-fn unknown(category: &CStr, has_own: bool) -> ModelError {
-    let known = LogCategory::of_model(has_own).map(LogCategory::name);
+/// The categories that a name stands for; `None` if the model has no such category.
+fn categories_named(name: &CStr, model: &ModelInfo) -> Option<Categories> {
+    match LogCategory::of_model(model.has_log).find(|category| category.name() == name) {
+        Some(LogCategory::All) => Some(EVERY),
+        Some(category) => Some(bit(category)),
+        None => model.log_categories.iter().position(|own| own.name == name).map(bit_of_own),
+    }
+}
+
+fn unknown(category: &CStr, model: &ModelInfo) -> ModelError {
+    let known = LogCategory::of_model(model.has_log).map(LogCategory::name);
+    let known = known.chain(model.log_categories.iter().map(|own| own.name));
     let known: Vec<_> = known.map(|name| name.to_string_lossy().into_owned()).collect();
     let known = known.join(", ");
     let category = category.to_string_lossy();

@@ -5,7 +5,7 @@ use std::any::Any;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-use fmu_description::{Naming, Variables};
+use fmu_description::{Naming, OwnCategory, Variables};
 
 use crate::error::ModelError;
 use crate::layout::set_start_values;
@@ -33,10 +33,12 @@ pub trait Model: Variables + Behavior {
     const IS_INTEGRATED: bool = false;
     /// Whether a process can have one instance only.
     const IS_SINGLE_INSTANCE: bool = false;
-    /// Whether it has a [`Log`].
+    /// Whether it has a [`Log`] without a category of its own.
     const HAS_LOG: bool = false;
     /// How the names of its variables are written, if the model says so.
     const NAMING: Option<Naming> = None;
+    /// The categories of its other logs.
+    const LOG_CATEGORIES: &'static [OwnCategory] = &[];
     /// Stop time and communication step size (s) of the default experiment.
     const DEFAULT_EXPERIMENT: (f64, f64);
     /// Relative tolerance of its integrator; 0 if it has none.
@@ -89,7 +91,8 @@ pub trait Behavior: Any {
         None
     }
 
-    fn log(&mut self) -> Option<&mut Log> {
+    /// A log by its index, and the index of its category, if it has one of its own.
+    fn log(&mut self, index: usize) -> Option<(&mut Log, Option<usize>)> {
         None
     }
 

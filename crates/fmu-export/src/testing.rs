@@ -18,7 +18,7 @@ use crate::error::{ModelError, Severity, ensure};
 use crate::fast::HostedInstance;
 use crate::instance::{Edge, Identity, Instance, Settings, Status};
 use crate::laid_out::LaidOut;
-use crate::log::Log;
+use crate::log::{Heading, Log};
 use crate::model::Model;
 use crate::pointers::Pointer;
 use crate::single_instance::Place;
@@ -143,16 +143,15 @@ impl<M: Drive> Driver<M> {
         let DrivenInstance(mut hosted) = M::INSTANCE(model);
         let log = Rc::<RefCell<Vec<Message>>>::default();
         let messages = Rc::clone(&log);
-        let sink = move |category: LogCategory, text: &str| {
-            let category_name = category.name().to_string_lossy().into_owned();
-            if category != LogCategory::Events {
-                let message = Message { category: category_name, text: text.to_owned() };
-                messages.borrow_mut().push(message);
+        let sink = move |heading: Heading, text: &str| {
+            if heading.category != LogCategory::Events.name() {
+                let category = heading.category.to_string_lossy().into_owned();
+                messages.borrow_mut().push(Message { category, text: text.to_owned() });
             }
         };
         let instance = &mut hosted.instance;
         instance.shared.settings.log = Log::new(Some(Box::new(sink)), true);
-        instance.model.connect_log(&instance.shared.settings.log);
+        instance.model.connect_logs(&instance.shared.settings.log);
         let (origin, count, size, model) = (0.0, 0.0, 0.0, std::marker::PhantomData);
         Self { hosted, _place: place, log, origin, count, size, _model: model }
     }

@@ -6,7 +6,7 @@ use fmu_description::interface::{GUID_LENGTH, size, write};
 use fmu_export::prelude::*;
 
 /// The version of the format, and a hash of a copy in it.
-const FORMAT: (u32, u128) = (9, 0x89c44737422a8db66e2482bea84cd088);
+const FORMAT: (u32, u128) = (9, 0x737cd32aa4ec3343114bb2a685a49782);
 
 /// A model with everything that a copy can have; it never changes.
 #[derive(Model)]
@@ -47,6 +47,9 @@ struct Everything {
     law: Law,
     #[log]
     log: Log,
+    /// messages on limits
+    #[log(category = "limits")]
+    limits: Log,
 }
 
 /// Form of the control law

@@ -17,7 +17,7 @@ use fmu_description::{
     read_interfaces,
 };
 use fmu_export::prelude::*;
-use models::{Fan, Gauges, Lists, Renamed, Reservoir, Sizes, Spring, Twins};
+use models::{Fan, Gauges, Lists, Renamed, Reservoir, Sensor, Sizes, Spring, Twins};
 use proptest::prelude::*;
 
 /// Defines the interface and the copy of a model or a variant of it.
@@ -42,6 +42,7 @@ interfaces! {
     FAN FAN_COPY: Fan, None;
     RENAMED RENAMED_COPY: Renamed, None;
     TWINS TWINS_COPY: Twins, None;
+    SENSOR SENSOR_COPY: Sensor, None;
     LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:1:3");
 }
 
@@ -507,5 +508,18 @@ proptest! {
         let sum = checksum(&forged[..end]);
         forged[end..].copy_from_slice(&sum.to_le_bytes());
         let _ = read_interfaces(&forged);
+    }
+}
+
+#[test]
+fn log_categories_and_states_that_are_not_serialized_are_declared() {
+    let sensor = description(&SENSOR_COPY);
+    for (version, state) in [(FmiVersion::Fmi2, "FMUstate"), (FmiVersion::Fmi3, "FMUState")] {
+        let xml = xml(&sensor, version);
+        let own = "<Category name=\"sensor.limits\" description=\"values that are limited\"/>";
+        assert!(xml.contains(own), "{xml}");
+        assert!(!xml.contains("logModel"), "{xml}");
+        assert!(xml.contains(&format!("canGetAndSet{state}=\"true\"")), "{xml}");
+        assert!(xml.contains(&format!("canSerialize{state}=\"false\"")), "{xml}");
     }
 }

@@ -292,3 +292,27 @@ pub struct Twins {
     #[parameter(name = "pid.w_2")]
     other: f64,
 }
+
+/// Has a log category of its own, and a field that cannot be serialized
+#[derive(Model)]
+pub struct Sensor {
+    /// measured value
+    #[output]
+    y: f64,
+    /// values that are limited
+    #[log(category = "sensor.limits")]
+    limits: Log,
+    #[copied]
+    device: Device,
+}
+
+#[derive(Clone, Default)]
+struct Device;
+
+impl Simulate for Sensor {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        let Device = self.device;
+        self.limits.info(self.y);
+        Ok(())
+    }
+}

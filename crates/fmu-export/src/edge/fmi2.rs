@@ -91,9 +91,9 @@ fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr>) -> Optio
     let environment = functions?.componentEnvironment;
     let logger = functions?.logger?;
     let instance = name.map(CStr::to_owned).unwrap_or_default();
-    Some(Box::new(move |category, message| {
-        let status = fmi2Status(category.status());
-        let (category, text) = (category.name().as_ptr(), c_message(message));
+    Some(Box::new(move |heading, message| {
+        let status = fmi2Status(heading.status);
+        let (category, text) = (heading.category.as_ptr(), c_message(message));
         // SAFETY: the host provides this function to be called with these C types (FMI 2.0.5, section
         // 2.1.5); all strings are zero-terminated and outlive the call; the text is an argument of the format
         // "%s", never the format itself.

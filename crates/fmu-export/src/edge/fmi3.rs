@@ -170,9 +170,9 @@ fn sink(
     log_message: Option<fmi3LogMessageCallback>,
 ) -> Option<Sink> {
     let log_message = log_message?;
-    Some(Box::new(move |category, message| {
+    Some(Box::new(move |heading, message| {
         let text = c_message(message);
-        let (status, category) = (category.status(), category.name().as_ptr());
+        let (status, category) = (heading.status, heading.category.as_ptr());
         // SAFETY: the host provides this function to be called with these C types (FMI 3.0.2, section
         // 2.3.1); the strings are zero-terminated and outlive the call.
         unsafe { log_message(environment, status, category, text.as_ptr()) };

@@ -121,6 +121,45 @@ fn a_host_that_changes_a_deprecated_variable_is_warned_once() {
 }
 
 #[test]
+fn a_model_logs_in_categories_of_its_own() {
+    const LIMITS: &CStr = c"limits";
+    type Case<'a> = (bool, &'a [(bool, &'a [&'a CStr])], &'a [&'a str]);
+    // Of the messages `limits: close`, `limits: exceeded` (a warning) and `logStatusWarning: read`.
+    const CASES: &[Case<'_>] = &[
+        (false, &[], &["limits exceeded", "logStatusWarning read at 2"]),
+        (true, &[], &["limits close", "limits exceeded", "logStatusWarning read at 2"]),
+        (false, &[(true, &[LIMITS])], &["limits close", "limits exceeded"]),
+        (true, &[(false, &[LIMITS])], &["limits exceeded", "logStatusWarning read at 2"]),
+        (true, &[(false, &[LIMITS, WARNINGS])], &[]),
+        (
+            false,
+            &[(true, &[ALL])],
+            &["limits close", "limits exceeded", "logStatusWarning read at 2"],
+        ),
+        (true, &[(false, &[])], &[]),
+    ];
+    for kind in PLAIN {
+        for (debug, switches, expected) in CASES {
+            let it = Arguments::new(kind, DEVICE).make(|arguments| arguments.debug = *debug);
+            switches.iter().for_each(|(on, categories)| ok([it.switch_log(*on, categories)]));
+            it.start(0.0, None);
+            it.forget_messages();
+            for (time, level) in [4, 5, 2].into_iter().enumerate() {
+                ok([it.set_all(Type::Int32, &[Device::LEVEL], &[level.into()])]);
+                it.steps(time as f64, 1.0);
+            }
+            let own = it.messages().into_iter().filter(|m| m.category != "logEvents");
+            let said = |m: Message| format!("{} {}", m.category, m.text);
+            assert_eq!(own.map(said).collect::<Vec<_>>(), *expected, "{debug} {switches:?}");
+        }
+        let it = Instance::new(kind, DEVICE);
+        let words = "\"sensor\" is unknown; expected one of logStatusError, logStatusWarning, logStatusDiscard, \
+            logStatusFatal, logEvents, logModel, logAll, limits";
+        it.fails(ERROR, words, |f| f.switch_log(true, &[c"sensor"]));
+    }
+}
+
+#[test]
 fn categories_are_switched_by_name() {
     const EVERY: &[&CStr] = &[ERRORS, WARNINGS, DISCARDS, FATALS, EVENT];
     const TROUBLES: &[&CStr] = EVERY.split_at(4).0;

@@ -574,10 +574,11 @@ impl Continuous for Valve {
 #[derive(Model)]
 #[rustfmt::skip]
 pub struct Device {
-    /** what it writes */ #[parameter(tunable, max = 3)] level: i32,
+    /** what it writes */ #[parameter(tunable, max = 5)] level: i32,
     #[nested] filter: [Filter; 2],
     /** sum of the filters */ #[output] y: f64,
     #[log] log: Log,
+    /** what exceeds its limits */ #[log(category = "limits")] limits: Log,
     #[unsaved] connection: Connection,
 }
 
@@ -622,6 +623,8 @@ impl Simulate for Device {
             1 => self.log.info(format_args!("opened at {opened}")),
             2 => self.log.warning(format_args!("read at {time}")),
             3 => self.log.error("lost"),
+            4 => self.limits.info("close"),
+            5 => self.limits.warning("exceeded"),
             _ => {}
         }
         let inputs = self.filter.iter().map(|f| f.weight[1] * (f.u + f.slope * step));

@@ -138,10 +138,10 @@ fn settings(name: &CStr, logging_on: bool) -> Settings {
 /// Forwards messages to the host.
 fn sink(name: &CStr) -> Sink {
     let name = name.to_owned();
-    Box::new(move |category, message| {
+    Box::new(move |heading, message| {
         // `#` introduces a value reference (FMI 3.0.2, section 2.3.1).
         let (name, message) = (name.to_bytes(), message.replace('#', "##"));
-        let (status, category) = (category.status(), category.name().to_bytes());
+        let (status, category) = (heading.status, heading.category.to_bytes());
         // SAFETY: the host provides this function with these arguments; the texts are UTF-8 and outlive the call.
         unsafe {
             let (name, n) = (name.as_ptr(), name.len());
