@@ -14,6 +14,8 @@ pub struct Message {
     pub instance: String,
     /// Whether it reports a problem rather than mere information.
     pub warning: bool,
+    /// Its log category; empty if the FMU passes none.
+    pub category: String,
     /// Its text.
     pub text: String,
     /// How many times it was logged.
@@ -80,10 +82,11 @@ impl Messages {
     pub(crate) fn log(&self, instance: &str, logged: &LogMessage) {
         let text = plain(logged.text.trim_end(), MAX_CHARACTERS);
         self.0.record.log(&text);
-        self.keep(instance, logged.status != Status::Ok, text);
+        let category = plain(logged.category.as_deref().unwrap_or_default(), MAX_CHARACTERS);
+        self.keep(instance, logged.status != Status::Ok, category, text);
     }
 
-    fn keep(&self, instance: &str, warning: bool, text: String) {
+    fn keep(&self, instance: &str, warning: bool, category: String, text: String) {
         let (mut kept, call) = (self.kept(), self.call());
         let known = kept.iter().position(|m| m.text == text && m.instance == instance);
         let is_first = |index: &usize| {
@@ -95,7 +98,7 @@ impl Messages {
             Some(index) => remove(&mut kept, index),
             None => {
                 let instance = instance.to_owned();
-                Message { instance, warning, text, times: 0, call, left_out: 0 }
+                Message { instance, warning, category, text, times: 0, call, left_out: 0 }
             }
         };
         message.warning |= warning;
@@ -124,7 +127,8 @@ impl Messages {
         }
         if !explained {
             let version = function.get(..4).unwrap_or_default();
-            self.keep(instance, true, format!("{function} returned {version}Warning"));
+            let text = format!("{function} returned {version}Warning");
+            self.keep(instance, true, String::new(), text);
         }
     }
 
@@ -180,7 +184,7 @@ mod tests {
     #[test]
     fn the_first_and_the_last_messages_are_kept_and_the_others_counted() {
         let messages = Messages::default();
-        let log = |warning, text: &str| messages.keep("a", warning, text.to_owned());
+        let log = |warning, text: &str| messages.keep("a", warning, String::new(), text.to_owned());
         log(true, "cause");
         for number in 0..1000 {
             log(true, &format!("{number}"));
@@ -199,8 +203,9 @@ mod tests {
     fn a_message_that_is_repeated_is_one_of_the_last() {
         let messages = Messages::default();
         for number in 0..200 {
-            messages.keep("a", true, format!("{number}"));
-            messages.keep("a", true, if number < 70 { "old" } else { "new" }.to_owned());
+            let keep = |text: String| messages.keep("a", true, String::new(), text);
+            keep(format!("{number}"));
+            keep(if number < 70 { "old" } else { "new" }.to_owned());
         }
         let found = texts(&messages);
         assert_eq!(found[..3], ["0", "old*", "1"]);

@@ -40,6 +40,10 @@ pub struct SimulateArgs {
     /// On the page, draw the file of another run, too; may be repeated
     #[arg(long, value_name = "FILE.csv", requires = "file")]
     over: Vec<PathBuf>,
+    /// Print what the FMUs log as information, too, of all categories or of these: `--log=logModel` has the messages of
+    /// models in Rust
+    #[arg(long, value_name = "CATEGORIES", num_args = 0..=1, require_equals = true, value_delimiter = ',')]
+    log: Option<Vec<String>>,
     #[command(flatten)]
     limited: Limited,
 }
@@ -106,7 +110,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
     printer.into_inner().finish().context("cannot write to the standard output")?;
     match outcome {
         RunOutcome::Finished(finished) => {
-            warn(&finished.completed.messages);
+            args.print(&finished.completed.messages);
             if let (None, Some(device)) = (file, csv) {
                 replace::write(device, &fs::read(&unsaved)?)?;
             }
@@ -125,7 +129,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
             Ok(ExitCode::SUCCESS)
         }
         RunOutcome::Failed { error, rows } => {
-            warn(&error.messages);
+            args.print(&error.messages);
             let advice = error.advice.as_ref().map(ui::advice).unwrap_or_default();
             bail!("{error}{advice}{rows}")
         }
@@ -138,6 +142,26 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
 }
 
 impl SimulateArgs {
+    /// Prints the warnings of FMUs, and the information that the user wants.
+    fn print(&self, messages: &[Message]) {
+        let is_wanted = |category: &String| {
+            self.log.as_ref().is_some_and(|log| log.is_empty() || log.contains(category))
+        };
+        for message in messages.iter().filter(|m| m.warning || is_wanted(&m.category)) {
+            let Message { instance, text, .. } = message;
+            let times = match message.times {
+                1 => String::new(),
+                times => format!(" ({times} times)"),
+            };
+            let from = if instance.is_empty() { "" } else { ": " };
+            let line = format!("{instance}{from}{text}{times}");
+            match message.warning {
+                true => ui::warn(&line),
+                false => ui::message(format_args!("{}: {line}", message.category)),
+            }
+        }
+    }
+
     /// The job of the worker process.
     fn job(&self) -> Job {
         let (file, sandbox) = (self.system.clone(), self.limited.sandbox());
@@ -181,18 +205,6 @@ impl SimulateArgs {
 /// The name of a file without its folder and extension.
 pub fn stem(file: &Path) -> String {
     file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-fn warn(messages: &[Message]) {
-    for message in messages.iter().filter(|message| message.warning) {
-        let Message { instance, text, .. } = message;
-        let times = match message.times {
-            1 => String::new(),
-            times => format!(" ({times} times)"),
-        };
-        let from = if instance.is_empty() { "" } else { ": " };
-        ui::warn(&format!("{instance}{from}{text}{times}"));
-    }
 }
 
 fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {

@@ -57,6 +57,8 @@ class Message(NamedTuple):
     text: str
     times: int
     """How many times it was logged."""
+    category: str
+    """Its log category, such as "logModel"; empty if the FMU passes none."""
 
 
 class Result(Mapping[str, np.ndarray]):
