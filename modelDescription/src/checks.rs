@@ -2,7 +2,7 @@
 //! model where it is exported.
 
 use crate::hash::Hash;
-use crate::scalar::{ScalarVariable, each_variable, scalar_at, variable_with_hash};
+use crate::scalar::{ScalarVariable, scalar_at, variable_with_hash};
 use crate::table::{Bounds, Constant, Declaration, Dynamics, MAX_NAME, TableRow, each};
 
 /// Checks that the maximum of a variable is not below its minimum.
@@ -129,8 +129,8 @@ const fn row(rows: &'static [TableRow], index: usize) -> &'static [TableRow] {
 /// Fails the compilation if two variables have the same name, a name is too long, a variable depends on one that does
 /// not exist, or the integrator of a model would ignore the derivative of an input. The derive macros check the rest.
 #[track_caller]
-pub const fn check<const N: usize>(scalars: &[ScalarVariable; N], is_integrated: bool) {
-    each_variable!(i, scalar in scalars => {
+pub const fn check(scalars: &[ScalarVariable], is_integrated: bool) {
+    each!(i, scalar in scalars => {
         assert!(
             scalar.last_name_length(scalar.variable.name) <= MAX_NAME,
             "a variable's name has more than 63 characters"
@@ -143,7 +143,7 @@ pub const fn check<const N: usize>(scalars: &[ScalarVariable; N], is_integrated:
         if let Some(names) = scalar.variable.initially_from {
             each!(name in names => {
                 assert!(
-                    scalar.position(name, scalars) < N,
+                    scalar.position(name, scalars) < scalars.len(),
                     "`initially_from` names a variable that does not exist"
                 );
             });
@@ -176,7 +176,7 @@ const fn check_aliases(variable: usize, scalars: &[ScalarVariable]) {
             scalar.position(alias, scalars) == scalars.len(),
             "an alias is the name of a variable"
         );
-        each_variable!(i, other in scalars => {
+        each!(i, other in scalars => {
             each!(b, other_alias in other.variable.aliases() => {
                 assert!(
                     i == variable && b == a
@@ -213,7 +213,7 @@ const fn check_dynamics(scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
         Dynamics::State => {
             let hash = scalar.name_hash(scalar.variable.name);
             let mut derivatives = 0;
-            each_variable!(_i, other in scalars => {
+            each!(_i, other in scalars => {
                 if let Dynamics::Derivative { of } = other.variable.dynamics
                     && other.name_hash(of) == hash
                 {

@@ -3,6 +3,7 @@
 pub use crate::Interface;
 pub use crate::checks::{check_bounds, check_start, exists, number, positive, unique};
 use crate::hash::Hash;
+pub use crate::references::{FixedReference, check_reference};
 use crate::scalar::scalar_count;
 pub use crate::state::{StateError, StateReader, StateWriter};
 use crate::table::AnyChoice;

@@ -1,5 +1,7 @@
 //! Writes the model description of an exported model: the parts that all versions of FMI have.
 
+use std::collections::HashMap;
+
 use anyhow::{Context, Result, anyhow, ensure};
 
 use crate::exported::ExportedModel;
@@ -29,11 +31,10 @@ pub struct Origin {
 struct XmlWriter<'a> {
     model: &'a ExportedModel,
     version: FmiVersion,
-    /// The variables that the version lists, in the order of their value references; in FMI 2.0, their other names
-    /// follow.
+    /// The variables that the version lists; in FMI 2.0, their other names follow.
     variables: Vec<Variable>,
-    /// How many of them have a value reference of their own.
-    distinct: usize,
+    /// The positions by value reference, from 1, in FMI 2.0.
+    positions: HashMap<usize, usize>,
 }
 
 /// The lists of the model structure: their names in FMI 2.0, which has three, the elements of FMI 3.0, and what
@@ -58,12 +59,12 @@ impl ExportedModel {
             FmiVersion::Fmi2 => (fmi2::variables(self), "guid"),
             FmiVersion::Fmi3 => (fmi3::variables(self)?, "instantiationToken"),
         };
-        let distinct = variables.len();
+        let positions = variables.iter().map(|v| v.reference as usize).zip(1..).collect();
         if version == FmiVersion::Fmi2 {
             let others = Vec::from_iter(variables.iter_mut().flat_map(fmi2::take_aliases));
             variables.extend(others);
         }
-        let writer = XmlWriter { model: self, version, variables, distinct };
+        let writer = XmlWriter { model: self, version, variables, positions };
         let root = Element::new("fmiModelDescription")
             .with("fmiVersion", version.as_str())
             .with("modelName", &self.name)
@@ -173,13 +174,8 @@ impl XmlWriter<'_> {
     /// The number by which attributes refer to a variable: its position in FMI 2.0, from 1, and its value reference
     /// in FMI 3.0.
     fn number(&self, reference: usize) -> Option<usize> {
-        let by_reference = |v: &Variable| v.reference as usize;
         match self.version {
-            FmiVersion::Fmi2 => {
-                let distinct = &self.variables[..self.distinct];
-                let found = distinct.binary_search_by_key(&reference, by_reference);
-                found.ok().map(|position| position + 1)
-            }
+            FmiVersion::Fmi2 => self.positions.get(&reference).copied(),
             FmiVersion::Fmi3 => Some(reference),
         }
     }
@@ -274,8 +270,9 @@ impl XmlWriter<'_> {
                     }
                     false => (self.dependencies(v)).or_else(|| Some(all(Variable::is_known))),
                 };
-                let number = |reference| self.number(reference);
-                let dependencies = dependencies.map(|all| list(all.into_iter().filter_map(number)));
+                let number = |reference: &usize| self.number(*reference);
+                let numbers = |all: Vec<_>| sorted(&Vec::from_iter(all.iter().filter_map(number)));
+                let dependencies = dependencies.map(|all| list(numbers(all)));
                 let unknown = match is_2 {
                     true => Element::new("Unknown").with("index", position),
                     false => Element::new(of_3).with("valueReference", v.reference),

@@ -68,14 +68,13 @@ fn description(copy: &[u8]) -> Result<ExportedModel> {
     ensure!(is_whole, "its checksum is wrong");
     let content = content.get(HEADER..).context("it ends too early")?;
     let mut model: ExportedModel = postcard::from_bytes(content)?;
-    let mut reference = 0_u32;
+    let mut ends = Vec::with_capacity(model.variables.len());
     for v in &mut model.variables {
-        ensure!(v.reference == reference, "a value reference is wrong");
         let mut sizes = v.dimensions.iter();
         let count = sizes.try_fold(1, |count: usize, size| count.checked_mul(*size));
         let count = count.and_then(|count| u32::try_from(count).ok());
-        let next = count.and_then(|count| reference.checked_add(count));
-        reference = next.context("there are too many variables")?;
+        let end = count.and_then(|count| v.reference.checked_add(count));
+        ends.push((v.reference, end.context("there are too many variables")?));
         let mut start = v.start.iter();
         let fits = start.all(|value| value.of_type() == v.of_type);
         ensure!(fits, "a start value does not fit its type");
@@ -83,5 +82,8 @@ fn description(copy: &[u8]) -> Result<ExportedModel> {
             v.start = vec![all.clone(); v.element_count()];
         }
     }
+    ends.sort_unstable();
+    let are_distinct = ends.is_sorted_by(|(_, end), (next, _)| end <= next);
+    ensure!(are_distinct, "two variables have the same value reference");
     Ok(model)
 }

@@ -36,8 +36,10 @@ pub struct ExportedModel {
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator; 0 if it has none.
     pub tolerance: f64,
-    /// The variables, in the order of their value references.
+    /// The variables, in the order of the fields.
     pub variables: Vec<Variable>,
+    /// Value reference of the independent variable of FMI 3.0.
+    pub time: usize,
     /// GUID of the interface.
     pub guid: String,
 }

@@ -10,8 +10,8 @@ use crate::{Causality, FmiVersion, Variability};
 /// Name of the independent variable.
 const TIME: &str = "time";
 
-/// The variables, with the start values that are in use by default, and the independent variable, whose value
-/// reference comes after all scalars.
+/// The variables, with the start values that are in use by default, and the independent variable, with its
+/// value reference.
 pub(crate) fn variables(model: &ExportedModel) -> Result<Vec<Variable>> {
     ensure!(
         model.variables.iter().all(|v| v.name != TIME),
@@ -30,7 +30,7 @@ pub(crate) fn variables(model: &ExportedModel) -> Result<Vec<Variable>> {
     });
     let time = Variable {
         name: TIME.into(),
-        reference: model.scalars().count() as u32,
+        reference: model.time as u32,
         description: "Simulation time".into(),
         causality: Causality::Independent,
         variability: Variability::Continuous,

@@ -39,19 +39,41 @@ impl Hash {
         self
     }
 
-    /// The bytes of a number. A zero byte only multiplies the hash, so that a run of zeros takes one step: most numbers
+    pub(crate) const fn number(self, number: u64) -> Self {
+        self.numbers(number, 1)
+    }
+
+    /// The bytes of a number, so many times. A run of zero bytes only multiplies the hash, which is one step: most numbers
     /// are short, and an array may have so many that the compiler would warn.
-    pub(crate) const fn number(mut self, number: u64) -> Self {
-        let (mut rest, mut left) = (number, size_of::<u64>());
-        while rest != 0 {
-            let zeros = rest.trailing_zeros() as usize / 8;
-            rest >>= 8 * zeros;
-            let mixed = self.0.wrapping_mul(POWERS[zeros]) ^ (rest & 0xff) as u128;
-            self = Self(mixed.wrapping_mul(PRIME));
-            rest >>= 8;
-            left -= zeros + 1;
+    pub(crate) const fn numbers(mut self, number: u64, count: usize) -> Self {
+        // The factor of the zeros before each other byte, and the byte.
+        let (mut bytes, mut length, mut zeros, mut rest) = ([(0, 0); 8], 0, 0, number);
+        let mut left = 8;
+        while left > 0 {
+            match (rest & 0xff) as u128 {
+                0 => zeros += 1,
+                byte => {
+                    bytes[length] = (POWERS[zeros], byte);
+                    (length, zeros) = (length + 1, 0);
+                }
+            }
+            (rest, left) = (rest >> 8, left - 1);
         }
-        Self(self.0.wrapping_mul(POWERS[left]))
+        if length == 0 {
+            return Self(self.0.wrapping_mul(PRIME.wrapping_pow(8).wrapping_pow(count as u32)));
+        }
+        let mut repeats = 0;
+        while repeats < count {
+            let mut i = 0;
+            while i < length {
+                let mixed = self.0.wrapping_mul(bytes[i].0) ^ bytes[i].1;
+                self = Self(mixed.wrapping_mul(PRIME));
+                i += 1;
+            }
+            self = Self(self.0.wrapping_mul(POWERS[zeros]));
+            repeats += 1;
+        }
+        self
     }
 
     /// A text, and a byte that UTF-8 does not have: "a", "bc" differs from "ab", "c".
@@ -74,6 +96,8 @@ mod tests {
         for number in [0, 1, 0x100, 0xff00_ff00, 1 << 63, u64::MAX, 2.5_f64.to_bits()] {
             let bytes = Hash::new().bytes(&number.to_le_bytes());
             assert_eq!(Hash::new().number(number).0, bytes.0, "{number:#x}");
+            let thrice = Hash::new().number(number).number(number).number(number);
+            assert_eq!(Hash::new().numbers(number, 3).0, thrice.0, "{number:#x}");
         }
     }
 

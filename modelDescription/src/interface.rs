@@ -5,7 +5,7 @@
 //! the parts that make up the identity of the interface.
 
 use crate::hash::{Hash, checksum};
-use crate::scalar::{ScalarVariable, each_variable, length};
+use crate::scalar::{ScalarVariable, length};
 use crate::table::{Bounds, Constant, Declaration, Dynamics, TypedStart, each};
 use crate::{Causality, Initial, Naming, OwnCategory, Type, Value, Variability};
 
@@ -36,8 +36,10 @@ pub struct Interface {
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
     pub tolerance: f64,
-    /// The first scalars of all variables, at their value references, as [`scalars`](crate::scalar::scalars) returns them.
+    /// The first scalars of all variables, as [`scalars`](crate::scalar::scalars) returns them, with their value references.
     pub scalars: &'static [ScalarVariable],
+    /// The value reference of the independent variable of FMI 3.0.
+    pub time: usize,
     /// Start values that differ from the table.
     pub overrides: StartOverrides,
 }
@@ -134,13 +136,13 @@ impl StartOverride {
 
     /// The type of the variable, or of the array of which it is an element.
     const fn of_type(&self, scalars: &[ScalarVariable]) -> Type {
-        let mut of_type = Type::Float64;
-        each_variable!(i, scalar in scalars => {
-            if i <= self.reference {
-                of_type = scalar.variable.start.of_type();
+        each!(scalar in scalars => {
+            let first = scalar.reference;
+            if first <= self.reference && self.reference < first + scalar.variable.element_count() {
+                return scalar.variable.start.of_type();
             }
         });
-        of_type
+        panic!("the overrides of a variant are damaged")
     }
 
     /// The value of a variable; `None` if its type does not have it.
@@ -199,11 +201,11 @@ pub(crate) const DEPRECATED: &str = " (deprecated: ";
 pub(crate) const CHECKSUM: usize = size_of::<u128>();
 
 /// The GUID of a model: the 128-bit FNV-1a hash of its name and its variables (names, order,
-/// causality, variability, types, starts, bounds, units, part in equations), formatted as a version 8 UUID. It
+/// causality, variability, types, starts, bounds, units, part in equations, fixed value references), formatted as a version 8 UUID. It
 /// is the same in every build and changes with the interface.
 pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     let mut has_equations = false;
-    each_variable!(_i, scalar in interface.scalars => {
+    each!(scalar in interface.scalars => {
         has_equations |= !matches!(scalar.variable.dynamics, Dynamics::Algebraic);
     });
     let mut hash =
@@ -211,7 +213,7 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     if matches!(interface.naming, Naming::Flat) {
         hash = hash.text(interface.naming.as_str());
     }
-    each_variable!(_i, scalar in interface.scalars => { hash = identify(scalar, hash); });
+    each!(scalar in interface.scalars => { hash = identify(scalar, hash); });
     let mut overrides = interface.overrides;
     while let Some((start, rest)) = overrides.next() {
         let of_type = start.of_type(interface.scalars);
@@ -225,6 +227,9 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
 /// Adds the identity of a variable to a hash.
 const fn identify(scalar: &ScalarVariable, mut hash: Hash) -> Hash {
     let field = scalar.variable;
+    if scalar.reference != scalar.number {
+        hash = hash.text("reference").number(scalar.reference as u64);
+    }
     each!(prefix in scalar.prefixes => { hash = hash.text(prefix); });
     each!(alias in field.aliases() => { hash = hash.text("alias").text(alias); });
     hash = (hash.text(field.name))
@@ -252,14 +257,27 @@ const fn identify(scalar: &ScalarVariable, mut hash: Hash) -> Hash {
         Bounds::Whole(min, max) => hash.number(min as u64).number(max as u64),
         Bounds::None => hash,
     };
+    hash = identify_start(field, hash);
+    each!(item in field.start.items() => {
+        hash = hash.text(item.name).number(item.value as u64);
+    });
+    hash
+}
+
+/// Adds the start values of all elements to a hash.
+const fn identify_start(field: &Declaration, mut hash: Hash) -> Hash {
     let (mut i, count) = (0, field.start_count());
+    if field.start.len() == 1 {
+        match field.start.get(0) {
+            Constant::Real(number) => return hash.numbers(number.to_bits(), count),
+            Constant::Whole(number) => return hash.numbers(number as u64, count),
+            _ => {}
+        }
+    }
     while i < count {
         hash = identify_value(field.start.get(i), hash);
         i += 1;
     }
-    each!(item in field.start.items() => {
-        hash = hash.text(item.name).number(item.value as u64);
-    });
     hash
 }
 
@@ -271,6 +289,15 @@ const fn identify_value(value: Constant, hash: Hash) -> Hash {
         Constant::Boolean(value) => hash.bytes(&[value as u8]),
         Constant::Text(text) | Constant::Digits(text) => hash.text(text),
         Constant::Bytes(bytes) => hash.number(bytes.len() as u64).bytes(bytes),
+    }
+}
+
+/// The GUID in a copy, which computes it only once; of the interface if there is no copy.
+pub const fn guid_of_copy(copy: &[u8], interface: &Interface) -> [u8; GUID_LENGTH] {
+    let end = copy.len().saturating_sub(CHECKSUM);
+    match copy.split_at(end).0.last_chunk() {
+        Some(guid) => *guid,
+        None => guid(interface),
     }
 }
 
@@ -396,18 +423,17 @@ impl<const N: usize> CopyWriter<N> {
         self.raw(&stop_time.to_le_bytes());
         self.raw(&step_size.to_le_bytes());
         self.raw(&interface.tolerance.to_le_bytes());
-        let mut variables = 0;
-        each_variable!(_i, _scalar in scalars => { variables += 1; });
-        self.number(variables);
-        each_variable!(i, _scalar in scalars => { self.variable(i, interface); });
+        self.number(scalars.len() as u128);
+        each!(scalar in scalars => { self.variable(scalar, interface); });
+        self.number(interface.time as u128);
         // The first pass, which computes the length, saves the time.
         self.text(&if N == 0 { [0; GUID_LENGTH] } else { guid(interface) });
     }
 
     /// Adds a `Variable`.
-    const fn variable(&mut self, reference: usize, interface: &Interface) {
-        let (scalar, scalars) = (&interface.scalars[reference], interface.scalars);
-        let field = scalar.variable;
+    const fn variable(&mut self, scalar: &ScalarVariable, interface: &Interface) {
+        let scalars = interface.scalars;
+        let (field, reference) = (scalar.variable, scalar.reference);
         self.parts(&scalar.name_parts());
         self.aliases(scalar, scalars);
         self.number(reference as u128);
@@ -468,16 +494,16 @@ impl<const N: usize> CopyWriter<N> {
             Dynamics::State => self.raw(&[1]),
             Dynamics::Derivative { of } => {
                 self.raw(&[2]);
-                self.number(scalar.position(of, scalars) as u128);
+                self.reference(of, scalar, scalars);
             }
             Dynamics::EventIndicator => self.raw(&[3]),
         }
         self.raw(&field.nominal.to_le_bytes());
-        match scalar.size_parameter(scalars) {
-            None => self.raw(&[0]),
-            Some(size) => {
+        match field.size.is_empty() {
+            true => self.raw(&[0]),
+            false => {
                 self.raw(&[1]);
-                self.number(size as u128);
+                self.reference(field.size, scalar, scalars);
             }
         }
         match field.initially_from {
@@ -498,7 +524,12 @@ impl<const N: usize> CopyWriter<N> {
         scalars: &[ScalarVariable],
     ) {
         self.number(names.len() as u128);
-        each!(name in names => { self.number(scalar.position(name, scalars) as u128); });
+        each!(name in names => { self.reference(name, scalar, scalars); });
+    }
+
+    /// Adds the value reference of another variable in the group of a variable.
+    const fn reference(&mut self, name: &str, scalar: &ScalarVariable, scalars: &[ScalarVariable]) {
+        self.number(scalars[scalar.position(name, scalars)].reference as u128);
     }
 
     /// Adds the smallest and the largest value, or none if the type has the same.

@@ -34,6 +34,8 @@ pub mod interface;
 pub mod model;
 mod naming;
 #[cfg(feature = "table")]
+pub mod references;
+#[cfg(feature = "table")]
 pub mod scalar;
 #[cfg(feature = "table")]
 mod state;

@@ -6,20 +6,6 @@ use crate::table::{
 };
 use crate::{Causality, Naming, Variability};
 
-/// As [`each`], over the first scalars of all variables.
-macro_rules! each_variable {
-    ($i:ident, $scalar:ident in $scalars:expr => $body:block) => {{
-        let scalars = &$scalars;
-        let mut next = 0;
-        while next < scalars.len() {
-            let ($i, $scalar) = (next, &scalars[next]);
-            next += $scalar.variable.element_count();
-            $body
-        }
-    }};
-}
-pub(crate) use each_variable;
-
 /// A scalar variable of a model: a variable, or an element of an array.
 #[derive(Debug, Clone, Copy)]
 pub struct ScalarVariable {
@@ -29,6 +15,10 @@ pub struct ScalarVariable {
     pub prefixes: [&'static str; MAX_DEPTH],
     /// Index of the element in row-major order, from 0.
     pub element: usize,
+    /// Its number in the table, from 0.
+    pub number: usize,
+    /// Its value reference: its number, unless the model fixes value references.
+    pub reference: usize,
     /// Offset of the innermost struct that contains the variable, in the outermost one, in bytes.
     pub offset: usize,
     /// How its name is written.
@@ -70,31 +60,30 @@ impl ScalarVariable {
         hash.bytes(name.as_bytes()).0
     }
 
-    /// Index of the first scalar of the variable with another name in the same group; the number of
-    /// scalars if there is none.
-    pub(crate) const fn position(&self, name: &str, scalars: &[Self]) -> usize {
+    /// Index of the variable with another name in the same group, in all variables; their number if there is none.
+    pub(crate) const fn position(&self, name: &str, all: &[Self]) -> usize {
         let hash = self.name_hash(name);
-        each_variable!(i, other in scalars => {
+        each!(i, other in all => {
             if other.name_hash(other.variable.name) == hash {
                 return i;
             }
         });
-        scalars.len()
+        all.len()
     }
 
-    /// Index of the state of which it is the derivative; `None` if it is no derivative.
-    pub const fn state_index(&self, scalars: &[Self]) -> Option<usize> {
+    /// The state of which it is the derivative, in all variables; `None` if it is no derivative.
+    pub const fn state<'a>(&self, all: &'a [Self]) -> Option<&'a Self> {
         match self.variable.dynamics {
-            Dynamics::Derivative { of } => Some(self.position(of, scalars) + self.element),
+            Dynamics::Derivative { of } => Some(&all[self.position(of, all)]),
             _ => None,
         }
     }
 
-    /// Index of the structural parameter that is its number of elements in use; `None` if all are.
-    pub const fn size_parameter(&self, scalars: &[Self]) -> Option<usize> {
+    /// Index of the structural parameter that is its number of elements in use, in all variables; `None` if all are.
+    pub const fn size_parameter(&self, all: &[Self]) -> Option<usize> {
         match self.variable.size.is_empty() {
             true => None,
-            false => Some(self.position(self.variable.size, scalars)),
+            false => Some(self.position(self.variable.size, all)),
         }
     }
 
@@ -184,6 +173,18 @@ pub const fn scalar_count(rows: &[TableRow]) -> usize {
     sum
 }
 
+/// Number of variables in a table, of which an array is one.
+pub const fn variable_count(rows: &[TableRow]) -> usize {
+    let mut sum = 0;
+    each!(row in rows => {
+        sum += match row {
+            TableRow::Variable(_) => 1,
+            TableRow::Group { rows, .. } => variable_count(rows),
+        };
+    });
+    sum
+}
+
 /// Calls a function with all variables of some rows and their offsets in the outermost struct, in which that of
 /// the rows is `base`.
 pub fn each_declaration(
@@ -199,9 +200,9 @@ pub fn each_declaration(
     }
 }
 
-/// The first scalars of all variables of a table, at their value references. `N` is [`scalar_count`] of the table. The places
-/// of other elements of arrays are without a variable: an array may have so many that the compiler would take minutes.
-pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariable; N] {
+/// The first scalars of all variables of a table, in its order, and how many there are, at most `N`. Their value references
+/// are their numbers.
+pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> ([ScalarVariable; N], usize) {
     const NONE: &Declaration = &Declaration {
         name: "",
         description: "",
@@ -223,24 +224,70 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> [ScalarVariab
         has_input_derivative: false,
         terminal: "",
     };
-    let mut all = [ScalarVariable {
+    const EMPTY: ScalarVariable = ScalarVariable {
         variable: NONE,
         prefixes: [""; MAX_DEPTH],
         element: 0,
+        number: 0,
+        reference: 0,
         offset: 0,
         naming: Naming::Structured,
-    }; N];
-    let mut i = 0;
-    while let Some(first) = scalar_at(rows, i) {
-        all[i] = first;
-        i += first.variable.element_count();
-    }
-    all
+    };
+    let (mut all, mut length, mut number) = ([EMPTY; N], 0, 0);
+    list(rows, (EMPTY.prefixes, 0, 0), &mut number, &mut all, &mut length);
+    (all, length)
 }
 
-/// The scalar variable with the given number.
-pub const fn scalar_at(rows: &'static [TableRow], mut index: usize) -> Option<ScalarVariable> {
-    scalar_in_group(rows, ([""; MAX_DEPTH], 0, 0), &mut index)
+/// Adds the variables of a group with these prefixes, their number, and this offset.
+const fn list(
+    rows: &'static [TableRow],
+    (prefixes, depth, offset): ([&'static str; MAX_DEPTH], usize, usize),
+    number: &mut usize,
+    all: &mut [ScalarVariable],
+    length: &mut usize,
+) {
+    each!(row in rows => {
+        match row {
+            TableRow::Variable(variable) => {
+                all[*length] = ScalarVariable {
+                    variable,
+                    prefixes,
+                    element: 0,
+                    number: *number,
+                    reference: *number,
+                    offset,
+                    naming: Naming::Structured,
+                };
+                *length += 1;
+                *number += variable.element_count();
+            }
+            TableRow::Group { prefix, offset: inner, rows } => {
+                let group = (nested(prefixes, depth, prefix), depth + 1, offset + *inner);
+                list(rows, group, number, all, length);
+            }
+        }
+    });
+}
+
+/// The prefixes of a group.
+const fn nested(
+    mut prefixes: [&'static str; MAX_DEPTH],
+    depth: usize,
+    prefix: &'static str,
+) -> [&'static str; MAX_DEPTH] {
+    assert!(depth < MAX_DEPTH, "structs are nested more than 4 deep");
+    prefixes[depth] = prefix;
+    prefixes
+}
+
+/// The scalar variable with the given number, which is its value reference, too.
+pub const fn scalar_at(rows: &'static [TableRow], number: usize) -> Option<ScalarVariable> {
+    let mut index = number;
+    let found = scalar_in_group(rows, ([""; MAX_DEPTH], 0, 0), &mut index);
+    match found {
+        Some(scalar) => Some(ScalarVariable { number, reference: number, ..scalar }),
+        None => None,
+    }
 }
 
 /// As [`scalar_at`], in a group with these prefixes, their number, and this offset. Subtracts the variables that come
@@ -257,16 +304,16 @@ const fn scalar_in_group(
                     variable,
                     prefixes,
                     element: *index,
+                    number: 0,
+                    reference: 0,
                     offset: base,
                     naming: Naming::Structured,
                 });
             }
             TableRow::Variable(variable) => *index -= variable.element_count(),
             TableRow::Group { prefix, offset, rows } => {
-                assert!(depth < MAX_DEPTH, "structs are nested more than 4 deep");
-                let mut inner = prefixes;
-                inner[depth] = prefix;
-                let found = scalar_in_group(rows, (inner, depth + 1, base + *offset), index);
+                let group = (nested(prefixes, depth, prefix), depth + 1, base + *offset);
+                let found = scalar_in_group(rows, group, index);
                 if found.is_some() {
                     return found;
                 }

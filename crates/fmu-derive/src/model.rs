@@ -225,7 +225,7 @@ fn model(
         quote! {
             impl #krate::testing::Drive for #ident {
                 const INSTANCE: fn(Self) -> #krate::testing::DrivenInstance =
-                    #krate::testing::instance::<Self, { <#ident as #krate::Variables>::COUNT }>;
+                    #krate::testing::instance::<Self, { #krate::table_size::<#ident>() }>;
             }
         }
     });

@@ -1,6 +1,7 @@
 //! A model of any type, as the code that is compiled once sees it: what is compiled for each model, and access to its variables.
 
 use std::any::Any;
+use std::iter::repeat_n;
 
 use dormand_prince::solver::{Advanced, Step, Workspace};
 use fmu_description::scalar::{self, ScalarVariable};
@@ -10,7 +11,8 @@ use fmu_description::{
 
 use crate::error::ModelError;
 use crate::layout::{
-    self, Extent, ModelInfo, copy_fields, elements_in_use, float64_at, has_own_start,
+    self, ContinuousState, EventIndicators, Extent, ModelInfo, copy_fields, elements_in_use,
+    float64_at, has_own_start,
 };
 use crate::log::Log;
 use crate::model::Behavior;
@@ -28,9 +30,9 @@ pub(crate) trait AnyModel: Any {
     fn reset(&mut self, variant: Option<VariantStarts>);
     /// Becomes a fresh model with the values that the host has set.
     fn renew(&mut self);
-    /// The time derivative of an input, if the host may set it.
-    fn input_derivative(&mut self, reference: u32) -> Option<&mut f64>;
-    /// The derivative of a variable with respect to an input or a state, see
+    /// The time derivative of the input with a number, if the host may set it.
+    fn input_derivative(&mut self, number: u32) -> Option<&mut f64>;
+    /// The derivative of a variable with respect to an input or a state, by their numbers, see
     /// [`Variables::directional_derivative`](crate::Variables::directional_derivative).
     fn derivative(&self, unknown: u32, known: u32) -> f64;
     /// Checks that all Real outputs are finite.
@@ -80,7 +82,7 @@ impl dyn AnyModel {
         }
         let info = self.info();
         info.has_structural_parameters
-            && (0..info.count as u32).any(|reference| {
+            && (0..info.end).any(|reference| {
                 let default = self.extent(reference).map(|array| array.default as usize);
                 self.elements_in_use(reference) < default
             })
@@ -88,8 +90,19 @@ impl dyn AnyModel {
 
     /// The scalar variable with the given value reference.
     pub(crate) fn scalar_at(&self, reference: u32) -> Option<ScalarVariable> {
-        let scalar = scalar::scalar_at(self.info().rows, reference as usize)?;
-        Some(ScalarVariable { naming: self.naming(), ..scalar })
+        let number = self.info().number(reference)?;
+        let scalar = scalar::scalar_at(self.info().rows, number as usize)?;
+        Some(ScalarVariable { reference: reference as usize, naming: self.naming(), ..scalar })
+    }
+
+    /// All scalar variables, in the order of the fields.
+    pub(crate) fn scalars(&self) -> impl Iterator<Item = ScalarVariable> + Clone + use<> {
+        let (info, naming) = (self.info(), self.naming());
+        (0..info.count).filter_map(move |number| {
+            let scalar = scalar::scalar_at(info.rows, number as usize)?;
+            let reference = info.reference(number) as usize;
+            Some(ScalarVariable { reference, naming, ..scalar })
+        })
     }
 
     pub(crate) fn get(&mut self, scalar: &ScalarVariable) -> Value {
@@ -114,8 +127,8 @@ impl dyn AnyModel {
 
     /// Whether a host can address the scalar of a reference by itself: it is no structural parameter, and an element in
     /// use of an array.
-    pub(crate) fn is_element(&mut self, scalar: &ScalarVariable, reference: u32) -> bool {
-        let first = reference.wrapping_sub(scalar.element as u32);
+    pub(crate) fn is_element(&mut self, scalar: &ScalarVariable) -> bool {
+        let first = (scalar.reference - scalar.element) as u32;
         scalar.variable.causality != Causality::StructuralParameter
             && self.elements_in_use(first).is_some_and(|elements| scalar.element < elements)
     }
@@ -137,41 +150,73 @@ impl dyn AnyModel {
 
     /// How many of these numbers there are.
     pub(crate) fn vector_length(&self, vector: SolverVector) -> usize {
-        match vector {
-            SolverVector::EventIndicators => self.info().event_indicators.len(),
-            _ => self.info().states.len(),
+        self.vector_parts(vector).map(|part| part.count).sum()
+    }
+
+    /// The variables with these numbers.
+    fn vector_parts(&self, which: SolverVector) -> impl Iterator<Item = VectorPart> + use<> {
+        let info = self.info();
+        let (states, indicators): (&[_], &[_]) = match which {
+            SolverVector::EventIndicators => (&[], info.event_indicators),
+            _ => (info.states, &[]),
+        };
+        let of_state = move |v: &ContinuousState| {
+            let is_derivative = which == SolverVector::Derivatives;
+            let offset = if is_derivative { v.derivative_offset } else { v.state_offset };
+            VectorPart { offset, count: v.count, nominal: v.nominal }
+        };
+        let of_indicator =
+            |v: &EventIndicators| VectorPart { offset: v.offset, count: v.count, nominal: 1.0 };
+        states.iter().map(of_state).chain(indicators.iter().map(of_indicator))
+    }
+
+    /// The part with one of these numbers, reduced to this number.
+    fn vector_part(&self, which: SolverVector, mut index: usize) -> Option<VectorPart> {
+        for part in self.vector_parts(which) {
+            if index < part.count {
+                let offset = part.offset + index * size_of::<f64>();
+                return Some(VectorPart { offset, count: 1, ..part });
+            }
+            index -= part.count;
         }
+        None
+    }
+
+    /// The numbers themselves.
+    fn vector(&mut self, which: SolverVector) -> impl Iterator<Item = &mut f64> {
+        let memory = self.memory();
+        self.vector_parts(which).flat_map(move |part| {
+            // SAFETY: the offsets come from the table, and no two numbers are at the same place.
+            let at = move |i| unsafe { float64_at(memory, part.offset + i * size_of::<f64>()) };
+            (0..part.count).map(at)
+        })
     }
 
     /// Reads as many of these numbers as there are values.
     pub(crate) fn read_vector(&mut self, which: SolverVector, values: &mut [f64]) {
-        let info = self.info();
-        for (i, value) in values.iter_mut().enumerate().take(self.vector_length(which)) {
-            let offset = match which {
-                SolverVector::Nominals => {
-                    *value = info.states[i].nominal;
-                    continue;
-                }
-                SolverVector::EventIndicators => info.event_indicators[i],
-                SolverVector::Derivatives => info.states[i].derivative_offset,
-                SolverVector::States => info.states[i].state_offset,
-            };
-            // SAFETY: the offsets come from the table.
-            *value = unsafe { *float64_at(self.memory(), offset) };
+        if which == SolverVector::Nominals {
+            let nominals =
+                self.vector_parts(which).flat_map(|part| repeat_n(part.nominal, part.count));
+            values.iter_mut().zip(nominals).for_each(|(value, nominal)| *value = nominal);
+            return;
         }
+        values.iter_mut().zip(self.vector(which)).for_each(|(value, number)| *value = *number);
+    }
+
+    /// The nominal value of a state.
+    pub(crate) fn nominal(&self, state: usize) -> f64 {
+        self.vector_part(SolverVector::Nominals, state).map_or(1.0, |part| part.nominal)
     }
 
     pub(crate) fn event_indicator(&mut self, index: usize) -> f64 {
+        let part = self.vector_part(SolverVector::EventIndicators, index);
         // SAFETY: the offsets come from the table.
-        unsafe { *float64_at(self.memory(), self.info().event_indicators[index]) }
+        part.map_or(0.0, |part| unsafe { *float64_at(self.memory(), part.offset) })
     }
 
     /// Sets the first states.
     pub(crate) fn set_states(&mut self, states: &[f64]) {
-        for (state, value) in self.info().states.iter().zip(states) {
-            // SAFETY: the offsets come from the table.
-            unsafe { *float64_at(self.memory(), state.state_offset) = *value };
-        }
+        self.vector(SolverVector::States).zip(states).for_each(|(state, value)| *state = *value);
     }
 
     /// Evaluates the equations for an event, which can read event indicators and derivatives for the current inputs. An
@@ -191,9 +236,8 @@ impl dyn AnyModel {
     #[cold]
     #[inline(never)]
     pub(crate) fn find_not_finite(&mut self) -> Result<(), ModelError> {
-        for reference in 0..self.info().count as u32 {
-            if let Some(scalar) = self.scalar_at(reference)
-                && scalar.variable.causality == Causality::Output
+        for scalar in self.scalars() {
+            if scalar.variable.causality == Causality::Output
                 && let Some(value) = self.get(&scalar).as_real()
                 && !value.is_finite()
             {
@@ -206,31 +250,28 @@ impl dyn AnyModel {
     /// Checks that outputs, derivatives and event indicators are finite.
     pub(crate) fn check_equations(&mut self) -> Result<(), ModelError> {
         self.check_outputs()?;
-        let info = self.info();
-        let derivatives = info.states.iter().map(|state| state.derivative_offset);
-        for offset in derivatives.chain(info.event_indicators.iter().copied()) {
-            // SAFETY: the offsets come from the table.
-            let value = unsafe { *float64_at(self.memory(), offset) };
-            if !value.is_finite() {
-                return Err(self.not_finite(offset, value));
+        for which in [SolverVector::Derivatives, SolverVector::EventIndicators] {
+            let found = self.vector(which).position(|number| !number.is_finite());
+            if let Some(part) = found.and_then(|index| self.vector_part(which, index)) {
+                return Err(self.not_finite(part.offset));
             }
         }
         Ok(())
     }
 
     #[cold]
-    fn not_finite(&self, offset: usize, value: f64) -> ModelError {
-        let mut all =
-            (0..self.info().count as u32).filter_map(|reference| self.scalar_at(reference));
-        let found = all.find(|scalar| scalar.offset_of_real() == Some(offset));
+    fn not_finite(&mut self, offset: usize) -> ModelError {
+        // SAFETY: the offset comes from the table.
+        let value = unsafe { *float64_at(self.memory(), offset) };
+        let found = self.scalars().find(|scalar| scalar.offset_of_real() == Some(offset));
         let name = found.map(|scalar| scalar.name()).unwrap_or_default();
         became(&name, value)
     }
 
     /// Sets all input derivatives to zero.
     pub(crate) fn clear_input_derivatives(&mut self) {
-        for reference in 0..self.info().count as u32 {
-            if let Some(derivative) = self.input_derivative(reference) {
+        for number in 0..self.info().count {
+            if let Some(derivative) = self.input_derivative(number) {
                 *derivative = 0.0;
             }
         }
@@ -256,6 +297,15 @@ pub(crate) enum SolverVector {
     Derivatives,
     Nominals,
     EventIndicators,
+}
+
+/// The numbers of a variable.
+struct VectorPart {
+    /// Offset of the first in the model.
+    offset: usize,
+    /// How many there are.
+    count: usize,
+    nominal: f64,
 }
 
 /// The start values of a variant, and the function that sets them, which other binaries need not contain.

@@ -7,6 +7,7 @@ use fmu_description::{Causality, Dynamics, Type, Value};
 use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure, refused};
 use crate::instance::Instance;
+use crate::layout::ContinuousState;
 use crate::values::{check_type, unknown};
 
 impl Instance {
@@ -120,9 +121,9 @@ impl Instance {
         expected: &str,
         has_part: &dyn Fn(&Declaration) -> bool,
     ) -> Result<(), ModelError> {
-        let (count, version) = (self.model.info().count, self.shared.settings.edge.version);
+        let (end, version) = (self.model.info().end, self.shared.settings.edge.version);
         match self.model.scalar_at(reference) {
-            None => Err(unknown(count, reference)),
+            None => Err(unknown(end, reference)),
             Some(scalar) if !has_part(scalar.variable) => {
                 refused!("{} is not {expected}", scalar.name())
             }
@@ -142,7 +143,11 @@ impl Instance {
         }
         Ok(match is_state {
             true => f64::from(u8::from(unknown == known)),
-            false => self.model.derivative(unknown, known),
+            false => {
+                let number = |reference| self.model.info().number(reference);
+                let numbers = number(unknown).zip(number(known));
+                numbers.map_or(0.0, |(unknown, known)| self.model.derivative(unknown, known))
+            }
         })
     }
 
@@ -193,11 +198,12 @@ impl Instance {
         values: &[f64],
     ) -> Result<(), ModelError> {
         for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
-            let count = self.model.info().count;
+            let end = self.model.info().end;
             let scalar = self.model.scalar_at(reference);
-            let name = scalar.ok_or_else(|| unknown(count, reference))?.name();
+            let scalar = scalar.ok_or_else(|| unknown(end, reference))?;
+            let name = scalar.name();
             ensure!(
-                self.model.input_derivative(reference).is_some(),
+                self.model.input_derivative(scalar.number as u32).is_some(),
                 "the host cannot set the input derivative of {name}"
             );
             check_order(&name, order)?;
@@ -207,7 +213,9 @@ impl Instance {
             );
         }
         for (&reference, &value) in references.iter().zip(values) {
-            if let Some(derivative) = self.model.input_derivative(reference) {
+            if let Some(number) = self.model.info().number(reference)
+                && let Some(derivative) = self.model.input_derivative(number)
+            {
                 *derivative = value;
             }
         }
@@ -245,13 +253,15 @@ impl Instance {
     fn derivative_of_output(&mut self, reference: u32, order: i32) -> Result<u32, ModelError> {
         let info = self.model.info();
         let scalar = self.model.scalar_at(reference);
-        let scalar = scalar.ok_or_else(|| unknown(info.count, reference))?;
+        let scalar = scalar.ok_or_else(|| unknown(info.end, reference))?;
         let name = scalar.name();
         ensure!(scalar.variable.causality == Causality::Output, "{name} is not an output");
         check_order(&name, order)?;
         let mut states = info.states.iter();
-        match states.find(|integrated| integrated.state == reference) {
-            Some(integrated) => Ok(integrated.derivative),
+        let is_of =
+            |state: &&ContinuousState| (reference.wrapping_sub(state.state) as usize) < state.count;
+        match states.find(is_of) {
+            Some(state) => Ok(state.derivative + (reference - state.state)),
             None => refused!("the derivative of {name} is not known"),
         }
     }

@@ -5,7 +5,7 @@ use std::ffi::CStr;
 use fmi_abi::FmiVersion;
 use fmu_description::checks::{check, fail};
 use fmu_description::hash::checksum;
-use fmu_description::interface::guid;
+use fmu_description::interface::guid_of_copy;
 use fmu_description::{Interface, Naming, StartOverrides};
 
 use crate::any_model::VariantStarts;
@@ -31,10 +31,11 @@ pub struct Entry {
     _embedded: &'static [u8],
 }
 
-/// The interface of the model `M` with `N` scalar variables, or of a variant of it; see
+/// The interface of the model `M` with tables of size `N`, its [`table_size`](crate::table_size), or of a variant of it; see
 /// [`StartOverrides::parse`]. An invalid table fails the compilation here.
 pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) -> Interface {
-    let scalars = LaidOut::<M, N>::ROWS;
+    let listed = LaidOut::<M, N>::LISTED;
+    let scalars = listed.all();
     check(scalars, M::IS_INTEGRATED);
     let variant = match variant {
         Some(text) => StartOverrides::parse(M::NAME, text),
@@ -58,12 +59,13 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         default_experiment: M::DEFAULT_EXPERIMENT,
         tolerance: M::TOLERANCE,
         scalars,
+        time: listed.references.time,
         overrides,
     }
 }
 
 impl Entry {
-    /// The entry of the model `M` with `N` scalar variables.
+    /// The entry of the model `M` with tables of size `N`.
     ///
     /// An array of this length can be declared only where `M` is known, which is where
     /// [`export!`](crate::export) is used.
@@ -74,7 +76,7 @@ impl Entry {
         Self {
             name: interface.name,
             variant: VariantStarts::new(interface.overrides),
-            guid: guid(&interface),
+            guid: guid_of_copy(embedded, &interface),
             naming: interface.naming,
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: fast::create::<M, N>,

@@ -141,7 +141,7 @@ impl solver::OdeSystem for ModelEquations<'_> {
     type Error = ModelError;
 
     fn nominal(&self, state: usize) -> f64 {
-        self.0.info().states[state].nominal
+        self.0.nominal(state)
     }
 
     fn states(&mut self, states: &mut [f64]) -> Result<(), ModelError> {

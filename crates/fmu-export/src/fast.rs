@@ -93,7 +93,7 @@ pub(crate) unsafe fn free(pointer: Pointer) {
     }
 }
 
-/// Creates an instance of the model `M` with `N` scalar variables; `None` if the process can have one only, and has it.
+/// Creates an instance of the model `M` with tables of size `N`; `None` if the process can have one only, and has it.
 pub(crate) fn create<M: Model, const N: usize>(
     mut settings: Settings,
     identity: Identity,

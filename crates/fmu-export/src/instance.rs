@@ -13,7 +13,7 @@ use fmi_abi::{FmiFunction, FmiVersion};
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{LogCategory, Naming, Variability};
 
-use crate::any_model::{AnyModel, VariantStarts};
+use crate::any_model::{AnyModel, SolverVector, VariantStarts};
 use crate::clock::RateClocks;
 use crate::error::{ModelError, Severity, ensure};
 use crate::lifecycle::{InstanceType, Lifecycle};
@@ -157,7 +157,10 @@ impl<M: AnyModel> Instance<M> {
         let is_eventful =
             info.is_continuous && settings.instance_type == InstanceType::CoSimulationWithEvents;
         let workspace = match info.is_integrated || is_eventful {
-            true => Workspace::new(info.states.len(), info.event_indicators.len()),
+            true => {
+                let length = |vector| (&model as &dyn AnyModel).vector_length(vector);
+                Workspace::new(length(SolverVector::States), length(SolverVector::EventIndicators))
+            }
             false => Workspace::default(),
         };
         Self {

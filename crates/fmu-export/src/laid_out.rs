@@ -3,7 +3,6 @@
 use std::any::Any;
 
 use dormand_prince::solver::{self, Advanced, Step, Workspace};
-use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::table::Declaration;
 use fmu_description::{Causality, Naming, StateError, StateReader, StateWriter};
 
@@ -13,12 +12,12 @@ use crate::equations::ModelEquations;
 use crate::error::ModelError;
 use crate::large;
 use crate::layout::{
-    self, Extent, Float64Place, MAX_PLACES, ModelInfo, Tables, copy_fields, table,
+    self, Extent, Float64Place, ModelInfo, Tables, VariableList, copy_fields, table,
 };
 use crate::model::{Behavior, Model};
 use crate::snapshot;
 
-/// A model with `N` scalar variables.
+/// A model with tables of size `N`, its [`table_size`](layout::table_size).
 pub(crate) struct LaidOut<M, const N: usize> {
     pub(crate) model: M,
     /// Whether a variant uses fewer elements of an array than the table.
@@ -28,12 +27,15 @@ pub(crate) struct LaidOut<M, const N: usize> {
 }
 
 impl<M: Model, const N: usize> LaidOut<M, N> {
-    /// The scalar variables, for constants only: the binary does not need them.
-    pub(crate) const ROWS: &'static [ScalarVariable; N] = &scalar::scalars(M::ROWS);
-    const TABLES: Tables<N> = Tables::from_rows(Self::ROWS);
+    /// The variables, for constants only: the binary does not need them.
+    pub(crate) const LISTED: &'static VariableList<N> = &VariableList::new(M::ROWS, M::REFERENCES);
+    const TABLES: Tables<N> = Tables::new(Self::LISTED.all(), !Self::IS_LARGE);
     pub(crate) const INFO: ModelInfo = ModelInfo {
         rows: M::ROWS,
-        count: N,
+        count: M::COUNT as u32,
+        numbers: const { &const { Self::TABLES.numbers } }.as_slice(),
+        end: Self::LISTED.references.end as u32,
+        time: Self::LISTED.references.time as u32,
         states: const { &const { Self::TABLES.states } }.as_slice(),
         event_indicators: const { &const { Self::TABLES.event_indicators } }.as_slice(),
         is_sampled: M::IS_SAMPLED,
@@ -61,11 +63,15 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.has_structural_parameters;
     /// Whether the model has no tables of places.
-    pub(crate) const IS_LARGE: bool = N > MAX_PLACES;
-    pub(crate) const ELEMENTS: &'static [Float64Place] = table(&const { Self::TABLES.elements });
-    pub(crate) const SCALARS: &'static [Float64Place] = table(&const { Self::TABLES.scalars });
-    pub(crate) const VARIABLES: &'static [Float64Place] = table(&const { Self::TABLES.variables });
-    pub(crate) const ARRAYS: &'static [Extent] = table(&const { Self::TABLES.arrays });
+    pub(crate) const IS_LARGE: bool = layout::is_large::<M>();
+    pub(crate) const ELEMENTS: &'static [Float64Place] =
+        table(Self::IS_LARGE, &const { Self::TABLES.elements });
+    pub(crate) const SCALARS: &'static [Float64Place] =
+        table(Self::IS_LARGE, &const { Self::TABLES.scalars });
+    pub(crate) const VARIABLES: &'static [Float64Place] =
+        table(Self::IS_LARGE, &const { Self::TABLES.variables });
+    pub(crate) const ARRAYS: &'static [Extent] =
+        table(Self::IS_LARGE, &const { Self::TABLES.arrays });
 
     pub(crate) fn with_model(model: M, naming: Naming) -> Self {
         Self { model, has_fewer_elements: false, naming }
@@ -113,9 +119,9 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
         // SAFETY: both are models with these rows.
         unsafe { copy_fields(to, self.memory(), M::ROWS, is_settable) };
         if Self::HAS_INPUT_DERIVATIVES {
-            for reference in 0..N {
-                if let Some(derivative) = fresh.input_derivative(reference) {
-                    let set = self.model.input_derivative(reference);
+            for number in 0..M::COUNT {
+                if let Some(derivative) = fresh.input_derivative(number) {
+                    let set = self.model.input_derivative(number);
                     *derivative = set.map_or(0.0, |value| *value);
                 }
             }
@@ -128,8 +134,8 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
         self.model = fresh;
     }
 
-    fn input_derivative(&mut self, reference: u32) -> Option<&mut f64> {
-        self.model.input_derivative(reference as usize)
+    fn input_derivative(&mut self, number: u32) -> Option<&mut f64> {
+        self.model.input_derivative(number as usize)
     }
 
     fn derivative(&self, unknown: u32, known: u32) -> f64 {

@@ -2,11 +2,13 @@
 //! memory that the rows describe.
 
 use fmu_description::hash::Hash;
+use fmu_description::references::{self, FixedReference, References};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::table::{Bounds, Declaration, TableRow, TypedStart};
 use fmu_description::{Causality, Dynamics, OwnCategory, Value, Variability};
 
 use crate::deprecated::Warn;
+use crate::model::Model;
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
 #[derive(Clone, Copy)]
@@ -61,16 +63,37 @@ impl Extent {
     const EMPTY: Self = Self { count: 0, default: 0, size: Self::ALL };
 }
 
-/// A state and its derivative.
+/// A variable that is a state, and its derivative.
 #[derive(Clone, Copy)]
 pub(crate) struct ContinuousState {
-    /// Value references.
+    /// Number of elements.
+    pub(crate) count: usize,
+    /// Value references of the first elements.
     pub(crate) state: u32,
     pub(crate) derivative: u32,
-    /// Offsets in the model.
+    /// Their offsets in the model.
     pub(crate) state_offset: usize,
     pub(crate) derivative_offset: usize,
     pub(crate) nominal: f64,
+}
+
+/// A variable whose elements are event indicators.
+#[derive(Clone, Copy)]
+pub(crate) struct EventIndicators {
+    /// Number of elements.
+    pub(crate) count: usize,
+    /// Offset of the first in the model.
+    pub(crate) offset: usize,
+}
+
+/// The value reference of a variable, and its number in the rows.
+#[derive(Clone, Copy)]
+pub(crate) struct NumberedVariable {
+    /// Of the first element.
+    pub(crate) reference: u32,
+    pub(crate) number: u32,
+    /// Number of elements.
+    pub(crate) count: u32,
 }
 
 /// Up to `N` items.
@@ -85,6 +108,11 @@ impl<T: Copy, const N: usize> BoundedList<T, N> {
         Self { items: [filler; N], length: 0 }
     }
 
+    const fn push(&mut self, item: T) {
+        self.items[self.length] = item;
+        self.length += 1;
+    }
+
     /// The items; if there are none, a slice that keeps no array in the binary.
     pub(crate) const fn as_slice(&'static self) -> &'static [T] {
         match self.length {
@@ -94,11 +122,44 @@ impl<T: Copy, const N: usize> BoundedList<T, N> {
     }
 }
 
-/// The number of scalar variables up to which a model has tables of places by value reference. A larger model finds
+/// The number of value references up to which a model has tables of places by value reference. A larger model finds
 /// places by its rows, which is slower, but takes neither time of the compiler nor space in the binary.
-pub(crate) const MAX_PLACES: usize = 4096;
+const MAX_PLACES: usize = 10_000;
 
-/// The tables of a model with `N` scalar variables, for constants only: a binary contains those that it uses.
+/// Whether a model has no tables of places.
+pub(crate) const fn is_large<M: Model>() -> bool {
+    references::bound(M::COUNT, M::REFERENCES) > MAX_PLACES
+}
+
+/// The size of the tables of a model: the number of its value references, or of the variables of a large one.
+pub const fn table_size<M: Model>() -> usize {
+    match is_large::<M>() {
+        true => scalar::variable_count(M::ROWS),
+        false => references::bound(M::COUNT, M::REFERENCES),
+    }
+}
+
+/// The variables of a model, at most `N`, with their value references.
+pub(crate) struct VariableList<const N: usize> {
+    all: [ScalarVariable; N],
+    length: usize,
+    pub(crate) references: References,
+}
+
+impl<const N: usize> VariableList<N> {
+    #[track_caller]
+    pub(crate) const fn new(rows: &'static [TableRow], fixed: &[FixedReference]) -> Self {
+        let (mut all, length) = scalar::scalars(rows);
+        let references = references::assign(all.split_at_mut(length).0, rows, fixed);
+        Self { all, length, references }
+    }
+
+    pub(crate) const fn all(&self) -> &[ScalarVariable] {
+        self.all.split_at(self.length).0
+    }
+}
+
+/// The tables of a model, for constants only: a binary contains those that it uses.
 pub(crate) struct Tables<const N: usize> {
     /// The scalars and elements of arrays that are in use by default.
     pub(crate) elements: [Float64Place; N],
@@ -107,10 +168,11 @@ pub(crate) struct Tables<const N: usize> {
     /// The first elements of all variables, and how many elements there are.
     pub(crate) variables: [Float64Place; N],
     pub(crate) arrays: [Extent; N],
+    /// Of a model with fixed value references, in the order of the rows.
+    pub(crate) numbers: BoundedList<NumberedVariable, N>,
     /// In the order of the derivatives.
     pub(crate) states: BoundedList<ContinuousState, N>,
-    /// Offsets.
-    pub(crate) event_indicators: BoundedList<usize, N>,
+    pub(crate) event_indicators: BoundedList<EventIndicators, N>,
     /// Whether the host may set the time derivative of any input.
     pub(crate) has_input_derivatives: bool,
     /// Whether any variable causes an event by a new value.
@@ -125,20 +187,23 @@ pub(crate) struct Tables<const N: usize> {
 }
 
 impl<const N: usize> Tables<N> {
-    pub(crate) const fn from_rows(rows: &[ScalarVariable; N]) -> Self {
+    /// The tables; those by value reference are empty unless there are places.
+    pub(crate) const fn new(variables: &[ScalarVariable], has_places: bool) -> Self {
         let mut tables = Self {
             elements: [Float64Place::EMPTY; N],
             scalars: [Float64Place::EMPTY; N],
             variables: [Float64Place::EMPTY; N],
             arrays: [Extent::EMPTY; N],
+            numbers: BoundedList::new(NumberedVariable { reference: 0, number: 0, count: 0 }),
             states: BoundedList::new(ContinuousState {
+                count: 0,
                 state: 0,
                 derivative: 0,
                 state_offset: 0,
                 derivative_offset: 0,
                 nominal: 1.0,
             }),
-            event_indicators: BoundedList::new(0),
+            event_indicators: BoundedList::new(EventIndicators { count: 0, offset: 0 }),
             has_input_derivatives: false,
             has_switches: false,
             has_unknowns: false,
@@ -147,26 +212,38 @@ impl<const N: usize> Tables<N> {
             has_tunable_structural_parameters: false,
             has_deprecated: false,
         };
-        let mut reference = 0;
-        while reference < N {
-            tables.add(rows, reference);
-            reference += rows[reference].variable.element_count();
+        let (mut i, mut is_fixed) = (0, false);
+        while i < variables.len() {
+            tables.add(variables, &variables[i]);
+            if has_places {
+                tables.add_places(variables, &variables[i]);
+            }
+            is_fixed |= variables[i].reference != variables[i].number;
+            i += 1;
+        }
+        let mut i = 0;
+        while i < variables.len() && is_fixed {
+            tables.numbers.push(NumberedVariable {
+                reference: variables[i].reference as u32,
+                number: variables[i].number as u32,
+                count: variables[i].variable.element_count() as u32,
+            });
+            i += 1;
         }
         tables
     }
 
-    /// Adds a variable by the reference of its first element. It calls no function for an element, since an array may
-    /// have many, for which that would take the compiler long.
-    const fn add(&mut self, rows: &[ScalarVariable; N], reference: usize) {
-        let row = &rows[reference];
-        let (variable, place, size) =
-            (row.variable, Float64Place::from_row(row), row.size_parameter(rows));
-        let (count, in_use) = (variable.element_count(), row.elements_in_use(rows));
+    /// Adds the places of a variable. It calls no function for an element, since an array may have many, for which that
+    /// would take the compiler long.
+    const fn add_places(&mut self, variables: &[ScalarVariable], row: &ScalarVariable) {
+        let reference = row.reference;
+        let (place, size) = (Float64Place::from_row(row), row.size_parameter(variables));
+        let (count, in_use) = (row.variable.element_count(), row.elements_in_use(variables));
         self.variables[reference] = place;
         self.arrays[reference].count = count as u32;
         self.arrays[reference].default = in_use as u32;
         if let Some(size) = size
-            && let Some(offset) = rows[size].offset_of_size()
+            && let Some(offset) = variables[size].offset_of_size()
         {
             self.arrays[reference].size = offset as u32;
         }
@@ -174,7 +251,7 @@ impl<const N: usize> Tables<N> {
             self.scalars[reference] = place;
         }
         let mut element = 0;
-        while element < in_use && N <= MAX_PLACES {
+        while element < in_use {
             let mut place = place;
             if place.offset != Float64Place::NONE {
                 place.offset += element * size_of::<f64>();
@@ -182,34 +259,30 @@ impl<const N: usize> Tables<N> {
             self.elements[reference + element] = place;
             element += 1;
         }
+    }
+
+    /// Adds a variable to the lists, and what it says about the model.
+    const fn add(&mut self, variables: &[ScalarVariable], row: &ScalarVariable) {
+        let variable = row.variable;
+        let count = variable.element_count();
         match (variable.dynamics, row.offset_of_real()) {
             (Dynamics::Derivative { .. }, Some(derivative_offset)) => {
-                if let Some(of) = row.state_index(rows)
-                    && matches!(rows[of].variable.dynamics, Dynamics::State)
-                    && let Some(state_offset) = rows[of].offset_of_real()
+                if let Some(state) = row.state(variables)
+                    && matches!(state.variable.dynamics, Dynamics::State)
+                    && let Some(state_offset) = state.offset_of_real()
                 {
-                    let mut element = 0;
-                    while element < count {
-                        self.states.items[self.states.length] = ContinuousState {
-                            state: (of + element) as u32,
-                            derivative: (reference + element) as u32,
-                            state_offset: state_offset + element * size_of::<f64>(),
-                            derivative_offset: derivative_offset + element * size_of::<f64>(),
-                            nominal: rows[of].variable.nominal,
-                        };
-                        self.states.length += 1;
-                        element += 1;
-                    }
+                    self.states.push(ContinuousState {
+                        count,
+                        state: state.reference as u32,
+                        derivative: row.reference as u32,
+                        state_offset,
+                        derivative_offset,
+                        nominal: state.variable.nominal,
+                    });
                 }
             }
             (Dynamics::EventIndicator, Some(offset)) => {
-                let mut element = 0;
-                while element < count {
-                    self.event_indicators.items[self.event_indicators.length] =
-                        offset + element * size_of::<f64>();
-                    self.event_indicators.length += 1;
-                    element += 1;
-                }
+                self.event_indicators.push(EventIndicators { count, offset });
             }
             _ => {}
         }
@@ -232,9 +305,9 @@ impl<const N: usize> Tables<N> {
     }
 }
 
-/// A table, if the model is not too large for it; none that is empty is kept in the binary.
-pub(crate) const fn table<T, const N: usize>(all: &'static [T; N]) -> &'static [T] {
-    if N <= MAX_PLACES { all } else { &[] }
+/// A table by value reference, unless the model is too large for it; a slice that keeps no array in the binary then.
+pub(crate) const fn table<T, const N: usize>(is_large: bool, all: &'static [T; N]) -> &'static [T] {
+    if is_large { &[] } else { all }
 }
 
 /// Whether a new value of a variable is an event: of a discrete input or a tunable parameter.
@@ -256,11 +329,16 @@ pub(crate) fn has_own_start(variable: &Declaration) -> bool {
 /// What is known of a model to the code that is compiled once for all models.
 pub(crate) struct ModelInfo {
     pub(crate) rows: &'static [TableRow],
-    /// Number of scalar variables; their value references are 0 to `count - 1`.
-    pub(crate) count: usize,
+    /// Number of scalar variables.
+    pub(crate) count: u32,
+    /// The variables of a model with fixed value references, in the order of the rows. Without, numbers are references.
+    pub(crate) numbers: &'static [NumberedVariable],
+    /// All value references of variables are smaller.
+    pub(crate) end: u32,
+    /// The value reference of the independent variable, which only FMI 3.0 has.
+    pub(crate) time: u32,
     pub(crate) states: &'static [ContinuousState],
-    /// Offsets.
-    pub(crate) event_indicators: &'static [usize],
+    pub(crate) event_indicators: &'static [EventIndicators],
     /// Whether the model has a sample time.
     pub(crate) is_sampled: bool,
     /// The number of its rates; 0 if it has no sample time, or one.
@@ -285,6 +363,24 @@ pub(crate) struct ModelInfo {
     pub(crate) state_format: u32,
     pub(crate) has_structural_parameters: bool,
     pub(crate) has_tunable_structural_parameters: bool,
+}
+
+impl ModelInfo {
+    /// The number of the scalar with a value reference.
+    pub(crate) fn number(&self, reference: u32) -> Option<u32> {
+        if self.numbers.is_empty() {
+            return (reference < self.count).then_some(reference);
+        }
+        let is_of = |v: &&NumberedVariable| reference.wrapping_sub(v.reference) < v.count;
+        self.numbers.iter().find(is_of).map(|v| v.number + (reference - v.reference))
+    }
+
+    /// The value reference of the scalar with a number.
+    pub(crate) fn reference(&self, number: u32) -> u32 {
+        let is_of = |v: &&NumberedVariable| number.wrapping_sub(v.number) < v.count;
+        let found = self.numbers.iter().find(is_of);
+        found.map_or(number, |v| v.reference + (number - v.number))
+    }
 }
 
 /// The number of elements in use.

@@ -123,6 +123,8 @@ pub use fmu_derive::{Choice, Model, Variables};
 pub use fmu_description::{Choice, Variables};
 #[doc(hidden)]
 pub use fmu_description::{derive, interface as embedded};
+#[doc(hidden)]
+pub use layout::table_size;
 pub use log::Log;
 #[doc(hidden)]
 pub use model::{Behavior, Rated, Stepped};
@@ -155,14 +157,14 @@ macro_rules! export {
         /// The models of this library.
         #[allow(long_running_const_eval, reason = "a table may be large")]
         pub static MODELS: &[$crate::Entry] = &$crate::Entry::all([$({
-            const COUNT: usize = <$model as $crate::Variables>::COUNT;
+            const SIZE: usize = $crate::table_size::<$model>();
             const INTERFACE: $crate::derive::Interface =
-                $crate::interface::<$model, COUNT>(option_env!("FMU_EXPORT_VARIANT"))
+                $crate::interface::<$model, SIZE>(option_env!("FMU_EXPORT_VARIANT"))
                     .named(option_env!("FMU_EXPORT_NAMING"), <$model as $crate::Model>::NAMING);
             #[used]
             static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
                 $crate::embedded::write(&INTERFACE);
-            $crate::Entry::new::<$model, COUNT>(INTERFACE, &EMBEDDED)
+            $crate::Entry::new::<$model, SIZE>(INTERFACE, &EMBEDDED)
         }),+]);
 
         #[cfg(target_arch = "wasm32")]

@@ -5,6 +5,7 @@ use std::any::Any;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
+use fmu_description::references::FixedReference;
 use fmu_description::{Naming, OwnCategory, Variables};
 
 use crate::error::ModelError;
@@ -23,6 +24,9 @@ pub trait Model: Variables + Behavior {
     const NAME: &'static str;
     /// Description of the model in one sentence.
     const DESCRIPTION: &'static str;
+    /// The value references that its author has fixed.
+    #[doc(hidden)]
+    const REFERENCES: &'static [FixedReference] = &[];
     /// Whether it has a sample time, or several.
     const IS_SAMPLED: bool;
     /// The number of its rates; 0 if it has no sample time, or one.

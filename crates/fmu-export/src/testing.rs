@@ -44,7 +44,7 @@ pub trait Drive: Model {
 #[doc(hidden)]
 pub struct DrivenInstance(Box<HostedInstance>);
 
-/// Creates an instance of the model `M` with `N` scalar variables.
+/// Creates an instance of the model `M` with tables of size `N`.
 #[doc(hidden)]
 pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
     let resources = Err("the test has set no folder of resources".to_owned());
@@ -270,13 +270,11 @@ impl<M: Drive> Driver<M> {
     /// the number of an item.
     pub fn outputs(&mut self) -> Vec<f64> {
         let mut outputs = Vec::new();
-        for reference in 0..self.hosted.instance.model.info().count as u32 {
-            let model = &mut self.hosted.instance.model;
-            let scalar = model.scalar_at(reference).filter(|scalar| {
-                let causality = scalar.variable.causality;
-                causality == Causality::Output && model.is_element(scalar, reference)
-            });
-            let value = scalar.map(|scalar| model.get(&scalar));
+        let model = &mut self.hosted.instance.model;
+        for scalar in model.scalars() {
+            let is_output =
+                scalar.variable.causality == Causality::Output && model.is_element(&scalar);
+            let value = is_output.then(|| model.get(&scalar));
             outputs.extend(value.and_then(|value| match value {
                 Value::Boolean(value) => Some(f64::from(u8::from(value))),
                 value => value.as_real().or(value.as_whole().map(|value| value as f64)),
@@ -291,10 +289,7 @@ impl<M: Drive> Driver<M> {
     }
 
     fn variable_named(&self, name: &str) -> Result<(u32, ScalarVariable), ModelError> {
-        let count = self.hosted.instance.model.info().count as u32;
-        let all = (0..count).filter_map(|reference| {
-            Some((reference, self.hosted.instance.model.scalar_at(reference)?))
-        });
+        let all = self.hosted.instance.model.scalars().map(|s| (s.reference as u32, s));
         let flat = Naming::Flat.write(name.to_owned());
         let exact = all.clone().find(|(_, scalar)| scalar.name() == name);
         let found = exact.or_else(|| {

@@ -116,11 +116,10 @@ impl Instance {
         fitting.ok_or_else(|| does_not_fit(&scalar, value.as_whole()))
     }
 
-    /// Whether a value reference belongs to the independent variable, which comes after all others. FMI
+    /// Whether a value reference belongs to the independent variable. FMI
     /// 2.0 has none.
     pub(crate) fn is_time(&self, reference: u32) -> bool {
-        self.shared.settings.edge.version == FmiVersion::Fmi3
-            && reference as usize == self.model.info().count
+        self.shared.settings.edge.version == FmiVersion::Fmi3 && reference == self.model.info().time
     }
 
     /// The scalar or element with a value reference, if the functions of a type access it.
@@ -129,10 +128,10 @@ impl Instance {
         of_type: Type,
         reference: u32,
     ) -> Result<ScalarVariable, ModelError> {
-        let (version, count) = (self.shared.settings.edge.version, self.model.info().count);
-        let scalar = self.model.scalar_at(reference).ok_or_else(|| unknown(count, reference))?;
+        let (version, end) = (self.shared.settings.edge.version, self.model.info().end);
+        let scalar = self.model.scalar_at(reference).ok_or_else(|| unknown(end, reference))?;
         ensure!(
-            version == FmiVersion::Fmi3 || self.model.is_element(&scalar, reference),
+            version == FmiVersion::Fmi3 || self.model.is_element(&scalar),
             "{} is not available in FMI 2.0, where the sizes of arrays are fixed",
             scalar.name()
         );
@@ -352,8 +351,8 @@ fn not_settable(
 }
 
 #[cold]
-pub(crate) fn unknown(count: usize, reference: u32) -> ModelError {
-    let last = count.saturating_sub(1);
+pub(crate) fn unknown(end: u32, reference: u32) -> ModelError {
+    let last = end.saturating_sub(1);
     ModelError::refuse(format_args!("value reference {reference} is unknown; expected 0 to {last}"))
 }
 

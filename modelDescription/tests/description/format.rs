@@ -6,7 +6,7 @@ use fmu_description::interface::{GUID_LENGTH, size, write};
 use fmu_export::prelude::*;
 
 /// The version of the format, and a hash of a copy in it.
-const FORMAT: (u32, u128) = (9, 0x737cd32aa4ec3343114bb2a685a49782);
+const FORMAT: (u32, u128) = (9, 0xc11d79da32a313864824d2e67164fdd2);
 
 /// A model with everything that a copy can have; it never changes.
 #[derive(Model)]
