@@ -51,7 +51,7 @@ def printed(*arguments: object, cwd: Path | None = None) -> str:
 def simulate(system: Path, folder: Path, *options: object) -> dict[str, np.ndarray]:
     """Simulate a system, which must succeed silently; return the columns of the CSV file."""
     file = folder / "results.csv"
-    result = run("simulate", system, "--csv", file, *options)
+    result = run("simulate", system, "--csv", file, "--enumerations=numbers", *options)
     assert (result.returncode, result.stderr) == (0, "")
     return read_csv(file)
 

@@ -10,6 +10,9 @@ from playwright.sync_api import Browser, Page
 
 import sweeps
 from native import LOOPS, read_csv, run
+from test_native import binaries, relay
+
+__all__ = ["binaries", "relay"]  # fixtures
 
 SYSTEM = LOOPS / "pid.toml"
 
@@ -87,6 +90,19 @@ parameter = [
     { variable = "source.signal", values = ["sine", "square"] },
 ]
 """
+
+
+def test_the_page_shows_the_names_of_items_and_texts(browser: Browser, relay, tmp_path):
+    texts = ["a.choice", "b.choice", "a.label"]
+    start = {"a": {"shape": "square"}, "b": {}}
+    system = relay(start, (), outputs=[*texts, "a.count"])
+    run("simulate", system, "--csv", tmp_path / "a.csv", "--plot", tmp_path / "a.html")
+    page = opened(browser, tmp_path / "a.html", 1400, "light")
+    assert page.locator("h2").all_inner_texts() == [*texts, "without unit"]
+    plot = page.locator(".uplot", has_text="a.choice")
+    plot.locator(".u-over").hover()
+    assert plot.locator(".u-value").all_inner_texts()[1] == "square"
+    page.context.close()
 
 
 @pytest.mark.parametrize(

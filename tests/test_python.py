@@ -229,6 +229,24 @@ def test_the_item_of_an_enumeration_of_fmi_2_is_its_number(relay):
     assert system.simulate()["a.choice"].tolist() == [4] * 5
 
 
+def test_the_names_of_items_are_in_files_and_beside_the_numbers(relay, tmp_path):
+    file = relay({"a": {"shape": "SQUARE"}}, (), outputs=["a.choice", "a.label"])
+    result = System(file).simulate()
+    assert result.enumerations == {"a.choice": {1: "linear", 4: "square"}}
+    assert result.names("a.choice").tolist() == ["square"] * 5
+    assert result.names("a.label") is result["a.label"]
+    labels = [axis.get_legend_handles_labels()[1] for axis in result.plot().axes]
+    assert labels == [["a.choice"], ["a.label"]]
+    numbers = {"time": result["time"], "a.choice": [4, 4, 1, 4, 4], "a.label": result["a.label"]}
+    assert [d.values for d in compare(result, numbers).differences] == [(4, 1)]
+    for name in ("out.csv", "out.parquet"):
+        run("simulate", file, "--csv", name, cwd=tmp_path)
+        written = read(tmp_path / name)
+        assert written["a.choice"].tolist() == ["square"] * 5
+        for pair in ((result, written), (written, result)):
+            assert compare(*pair).is_same
+
+
 def test_jupyter_shows_a_picture_of_a_result(fmus):
     result = simulate(PENDULUM, stop_time=0.1)
     shown, _ = DisplayFormatter().format(result)

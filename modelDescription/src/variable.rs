@@ -185,14 +185,20 @@ impl Variable {
         }
     }
 
-    /// The value that a text stands for: as [`Value::parse`], and an item also by its name.
+    /// The value that a text stands for: as [`Value::parse`], and an item also by its name, in any case unless that
+    /// means several items.
     pub fn value(&self, text: &str) -> Option<Value> {
         if self.of_type != Type::Enumeration {
             return Value::parse(self.of_type, text);
         }
         let number: Option<i64> = value::whole(text);
-        let mut items = self.items().iter();
-        let item = items.find(|item| item.name == text || Some(item.value) == number)?;
+        let item = |is_meant: &dyn Fn(&EnumerationItem) -> bool| {
+            let mut meant = self.items().iter().filter(|item| is_meant(item));
+            meant.next().filter(|_| meant.next().is_none())
+        };
+        let item = item(&|item| item.name == text)
+            .or_else(|| item(&|item| Some(item.value) == number))
+            .or_else(|| item(&|item| item.name.to_lowercase() == text.to_lowercase()))?;
         Some(Value::Enumeration(item.value))
     }
 }

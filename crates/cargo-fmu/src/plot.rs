@@ -109,12 +109,16 @@ impl Page {
     }
 }
 
-/// The rows of a run by column. Columns without numbers are left out.
+/// The rows of a run by column; of a column with a text, all values are texts. Columns without values are left out.
 fn run(name: &str, table: &[Series]) -> Result<Value> {
     // With all digits: far from zero, the digits of `f32` do not tell the times of small steps apart.
     let time = table::times(table)?;
     let columns = table.iter().skip(1).filter_map(|series| {
-        let values = (0..time.len()).map(|row| series.number(row).map_or(Value::Null, number));
+        let is_text = series.cells.iter().flatten().any(|cell| matches!(cell, Cell::String(_)));
+        let values = series.cells.iter().enumerate().map(|(row, cell)| match is_text {
+            true => cell.as_ref().map(Cell::to_string).into(),
+            false => series.number(row).map_or(Value::Null, number),
+        });
         let mut values = Vec::from_iter(values);
         if values.iter().all(Value::is_null) {
             return None;

@@ -4,10 +4,11 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{Causality, Type, Value, Variability};
+use fmu_description::{Causality, Type, Value, Variability, Variable};
 
 use crate::components::{Components, ScalarId};
 use crate::connections::{ResolvedConnection, with_article};
+use crate::literal::expected_item;
 use crate::store::{Place, Store, number};
 use crate::table::{self, Column, Series};
 
@@ -82,7 +83,7 @@ impl InputTable {
             Ok(InputColumn {
                 input,
                 interpolated: (is_continuous && kind.is_float()).then_some(kind),
-                values: values(series, kind)?,
+                values: values(series, variable)?,
             })
         });
         Ok(Self { columns: columns.collect::<Result<_>>()?, times })
@@ -142,25 +143,47 @@ fn converted(value: &Value, kind: Type) -> Option<Value> {
     }
 }
 
+/// A whole number that other programs write as `1.0`, such as pandas in a column with a missing value, as `1`.
+fn without_fraction(text: String) -> String {
+    match text.trim().strip_suffix(".0") {
+        Some(number) if number.parse::<i64>().is_ok() => number.to_owned(),
+        _ => text,
+    }
+}
+
 /// The values of a column in the type of an input.
-fn values(series: &Series, kind: Type) -> Result<Vec<Value>> {
-    let column = Column::new(&series.name, "", kind);
+fn values(series: &Series, input: &Variable) -> Result<Vec<Value>> {
+    let (name, kind) = (&series.name, input.of_type);
+    let column = Column::new(name, "", kind);
     let cells = series.cells.iter().zip(1..).map(|(cell, row)| {
-        if let Some(value) = cell.as_ref().and_then(|value| converted(value, kind)) {
-            return Ok(value);
+        match cell {
+            // Most programs write an empty string as an empty field.
+            None if kind == Type::String => return Ok(Value::String(String::new())),
+            Some(value) if kind != Type::Enumeration => {
+                if let Some(value) = converted(value, kind) {
+                    return Ok(value);
+                }
+            }
+            _ => {}
         }
         let text = cell.as_ref().map(|value| match value.as_real() {
             Some(real) => format!("{real:?}"), // of a Float32, too, all digits
             None => value.to_string(),
         });
+        let text = text.map(|text| if kind.is_float() { text } else { without_fraction(text) });
+        if kind == Type::Enumeration {
+            let text = text.as_deref().map_or("empty", str::trim);
+            let value = input.value(text);
+            return value.with_context(|| {
+                format!("row {row}: {name} is {text}, expected {}", expected_item(input, text))
+            });
+        }
         let value = column.parse(text.as_deref()).with_context(|| format!("row {row}"))?;
         match value {
             Some(value) if value.as_real().is_none_or(f64::is_finite) => Ok(value),
-            _ => bail!(
-                "row {row}: {} is {}, expected a finite number",
-                series.name,
-                text.unwrap_or_default()
-            ),
+            _ => {
+                bail!("row {row}: {name} is {}, expected a finite number", text.unwrap_or_default())
+            }
         }
     });
     cells.collect()
@@ -168,6 +191,8 @@ fn values(series: &Series, kind: Type) -> Result<Vec<Value>> {
 
 #[cfg(test)]
 mod tests {
+    use fmu_description::{DeclaredType, EnumerationItem};
+
     use super::*;
 
     fn rows(table: &InputTable, time: f64) -> (usize, Option<usize>) {
@@ -190,5 +215,46 @@ mod tests {
         assert_eq!(rows(&smooth, 0.1 + 0.2), (1, Some(2)));
         let since_1970 = input(&[1.7e9, 1.7e9 + 1.0]);
         assert_eq!(rows(&since_1970, 1.7e9 + 0.5), (0, Some(1)));
+    }
+
+    fn column(of_type: Type, cells: &[Option<Value>]) -> Result<Vec<Value>, String> {
+        let items = [("off", 0), ("linear", 7)].map(|(name, value)| EnumerationItem {
+            name: name.into(),
+            value,
+            description: String::new(),
+        });
+        let declared = DeclaredType { items: items.to_vec(), ..DeclaredType::default() };
+        let input =
+            Variable { of_type, declared_type: Some(declared.into()), ..Variable::default() };
+        let (name, unit) = ("a".to_owned(), String::new());
+        let series = Series { name, unit, cells: cells.to_vec() };
+        values(&series, &input).map_err(|error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn items_are_names_or_numbers_also_as_other_programs_write_them() {
+        let text = |text: &str| Some(Value::String(text.into()));
+        let cells =
+            [text("linear"), text(" OFF"), text("7"), text("7.0"), Some(Value::Float64(7.0))];
+        let cells = [&cells[..], &[Some(Value::UInt8(0))]].concat();
+        let items = [7, 0, 7, 7, 7, 0].map(Value::Enumeration);
+        assert_eq!(column(Type::Enumeration, &cells).unwrap(), items);
+        let counts = column(Type::Int8, &[text("2.0"), Some(Value::Float32(3.0))]).unwrap();
+        assert_eq!(counts, [2, 3].map(Value::Int8));
+        let texts = column(Type::String, &[text("2.0"), None, text(" a,\n\"b\"")]).unwrap();
+        assert_eq!(texts, ["2.0", "", " a,\n\"b\""].map(|text| Value::String(text.into())));
+        for (of_type, cell, reason) in [
+            (
+                Type::Enumeration,
+                text("line"),
+                "line, expected one of off, linear; did you mean linear?",
+            ),
+            (Type::Enumeration, Some(Value::Int64(1)), "1, expected one of off, linear"),
+            (Type::Enumeration, Some(Value::Float64(0.5)), "0.5, expected one of off, linear"),
+            (Type::Enumeration, None, "empty, expected one of off, linear"),
+            (Type::Int8, text("2.5"), "2.5, expected a whole number from -128 to 127"),
+        ] {
+            assert_eq!(column(of_type, &[cell]).unwrap_err(), format!("row 1: a is {reason}"));
+        }
     }
 }

@@ -8,6 +8,7 @@ use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::de::ValueDeserializer;
 
+use crate::fmu::similar;
 use crate::table;
 
 /// A value as the user writes it.
@@ -195,6 +196,7 @@ impl Literal {
                 Type::Int32 => "a 32-bit integer".into(),
                 Type::String => "a quoted string without null bytes".into(),
                 Type::Binary => "nothing, as a Binary cannot be set".into(),
+                Type::Enumeration => expected_item(variable, self.text()),
                 _ => variable.expected(),
             };
             match (variable.of_type, self) {
@@ -207,6 +209,11 @@ impl Literal {
         })
     }
 
+    /// The text, if it is one.
+    fn text(&self) -> &str {
+        if let Self::Text(text) = self { text } else { "" }
+    }
+
     fn real(&self) -> Option<f64> {
         match self {
             Self::Real(value) => Some(*value),
@@ -214,6 +221,22 @@ impl Literal {
             Self::Text(text) => text.parse().ok(),
             Self::Boolean(_) | Self::Array(_) => None,
         }
+    }
+}
+
+/// What is expected of an Enumeration instead of a text, with the items that may be meant.
+pub(crate) fn expected_item(variable: &Variable, text: &str) -> String {
+    let text = text.to_lowercase();
+    let items = variable.items().iter().map(|item| &*item.name);
+    let same = Vec::from_iter(items.clone().filter(|name| name.to_lowercase() == text));
+    if same.len() > 1 {
+        return format!("{} in its case", same.join(" or "));
+    }
+    let is_similar = |name: &&str| !similar(&text, [&*name.to_lowercase()].into_iter()).is_empty();
+    let meant = Vec::from_iter(items.filter(is_similar).take(3)).join(" or ");
+    match (variable.expected(), &*meant) {
+        (expected, "") => expected,
+        (expected, meant) => format!("{expected}; did you mean {meant}?"),
     }
 }
 
@@ -246,6 +269,38 @@ mod tests {
             ("[1", "m = \"[1\" is invalid; expected an array of 3 x 2 values"),
         ] {
             assert!(refused(&text(value)).contains(reason), "{}", refused(&text(value)));
+        }
+    }
+
+    #[test]
+    fn an_item_has_its_name_in_any_case_or_its_number_and_others_are_suggested() {
+        let items = [("off", 0), ("On", 1), ("ON", 2), ("linéar", 7)];
+        let items = items.map(|(name, value)| {
+            let description = String::new();
+            fmu_description::EnumerationItem { name: name.into(), value, description }
+        });
+        let declared = fmu_description::DeclaredType {
+            items: items.to_vec(),
+            ..fmu_description::DeclaredType::default()
+        };
+        let variable = Variable {
+            of_type: Type::Enumeration,
+            declared_type: Some(declared.into()),
+            ..Variable::default()
+        };
+        let typed = |text: &str| Literal::Text(text.into()).typed(&variable, "a");
+        for (text, number) in
+            [("off", 0), ("OFF", 0), ("On", 1), ("ON", 2), ("LINÉAR", 7), ("7", 7)]
+        {
+            assert_eq!(typed(text).unwrap(), Value::Enumeration(number));
+        }
+        let all = "is invalid; expected one of off, On, ON, linéar";
+        for (text, reason) in [
+            ("on", "a = \"on\" is invalid; expected On or ON in its case".to_owned()),
+            ("3", format!("a = \"3\" {all}")),
+            ("LINEARS", format!("a = \"LINEARS\" {all}; did you mean linéar?")),
+        ] {
+            assert_eq!(typed(text).unwrap_err().to_string(), reason);
         }
     }
 }

@@ -75,8 +75,10 @@ impl Plan {
             [min, max].map(|bound| bound.as_ref().map(number))
         };
         let column = |(id, name): (&ScalarId, String)| {
-            let Variable { of_type, unit, .. } = id.variable(&components);
-            Column::new(name, unit.as_deref().unwrap_or_default(), *of_type)
+            let variable = id.variable(&components);
+            let items = variable.items().iter().map(|item| (item.value, item.name.clone()));
+            let (unit, items) = (variable.unit.as_deref().unwrap_or_default(), items.collect());
+            Column { items, ..Column::new(name, unit, variable.of_type) }
         };
         Ok(Self {
             order: description.order,

@@ -10,7 +10,7 @@ use crate::components::LoadedComponent;
 use crate::fault::FaultyConnection;
 use crate::start::ComponentStarts;
 use crate::store::{Store, number, places};
-use crate::table::Column;
+use crate::table::{Cell, Column};
 use crate::table_inputs::TableInputs;
 use crate::{Message, Messages, Order, Place, Plan, RunError, StartValue};
 
@@ -63,6 +63,13 @@ impl Row {
     /// The values of the columns of [`Plan::columns`].
     pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
         Self::places(columns).map(|place| self.store.value(place))
+    }
+
+    /// The time and the values of the columns as people read them.
+    pub fn cells(&self, columns: &[Column]) -> impl Iterator<Item = Cell> {
+        let values = columns.iter().zip(self.values(columns));
+        let values = values.map(|(column, value)| column.named(value));
+        [Value::Float64(self.time)].into_iter().chain(values).map(Some)
     }
 
     /// The places of the columns.

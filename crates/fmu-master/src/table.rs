@@ -3,8 +3,10 @@
 //! - CSV: a header such as `time [s],plant.theta [rad]`, then a line for each row, with line feeds. Fields
 //!   are quoted as RFC 4180 requires; an empty field is a missing value, and `""` an empty string. Numbers
 //!   have the fewest digits that read back to the same bits, or are `inf`, `-inf` or `NaN`; Booleans are
-//!   `true` or `false` (also read: `True` and `TRUE`), Enumerations are numbers, and Binaries are hexadecimal.
-//! - Parquet: uncompressed, with the same names, and the types of the variables. Columns are required, or
+//!   `true` or `false` (also read: `True` and `TRUE`), items of Enumerations have their names, and Binaries are
+//!   hexadecimal.
+//! - Parquet: uncompressed, with the same names, and the types of the variables; Enumerations are numbers, whose names are
+//!   in the metadata of the file. Columns are required, or
 //!   optional if a value may be missing.
 
 mod column;

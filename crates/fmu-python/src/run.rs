@@ -127,6 +127,11 @@ fn into_python(
 ) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("columns", outcome.rows.into_python(py, &outcome.columns)?)?;
+    let enumerations = PyDict::new(py);
+    for Column { name, items, .. } in outcome.columns.iter().filter(|c| !c.items.is_empty()) {
+        enumerations.set_item(name, items.clone())?;
+    }
+    dict.set_item("enumerations", enumerations)?;
     dict.set_item("notes", Vec::from_iter(outcome.notes.iter().map(words::note)))?;
     dict.set_item("warnings", outcome.warnings)?;
     let messages = match outcome.end {
@@ -330,6 +335,7 @@ fn in_worker(
         None,
         &Watch {
             keeps_rows: false,
+            names_items: true,
             keeps_worker: keeps,
             is_cancelled: &|| host.look(times.get()),
             warn: &|text| rows.borrow_mut().warnings.push(text.to_owned()),

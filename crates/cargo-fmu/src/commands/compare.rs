@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use fmu_master::table::{self, Tolerance};
+use fmu_description::Value;
+use fmu_master::table::{self, Cell, Tolerance};
 
 use crate::plot::Page;
 use crate::ui;
@@ -63,6 +64,17 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
         }
         Some(first) => {
             writeln!(out, "{}", first.describe(&shown))?;
+            let is_name = |cell: &Cell| matches!(cell, Some(Value::String(_)));
+            if first.values.iter().flatten().count() == 2
+                && is_name(&first.values[0]) != is_name(&first.values[1])
+            {
+                let numbers = "`cargo fmu simulate --enumerations numbers` writes numbers";
+                writeln!(
+                    out,
+                    "{} is a name in one file, a number in the other; {numbers}",
+                    first.name
+                )?;
+            }
             let names = Vec::from_iter(differences.iter().map(|difference| &*difference.name));
             let (differing, names) = (names.len(), names.join(", "));
             writeln!(out, "different: {differing} of {variables}: {names}")?;

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use fmu_description::{Type, Value};
 use fmu_file::replace;
 use fmu_master::job::{self, Job, SystemSource};
@@ -35,6 +35,9 @@ pub struct SimulateArgs {
     /// standard output, which then has nothing else
     #[arg(long, value_name = "FILE", value_parser = results)]
     csv: Option<PathBuf>,
+    /// How to write the items of enumerations
+    #[arg(long, value_enum, value_name = "ITEMS", default_value_t = Items::Names)]
+    enumerations: Items,
     #[command(flatten)]
     pub(super) page: Page,
     /// On the page, draw the file of another run, too; may be repeated
@@ -46,6 +49,15 @@ pub struct SimulateArgs {
     log: Option<Vec<String>>,
     #[command(flatten)]
     limited: Limited,
+}
+
+/// How the items of enumerations are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Items {
+    /// By their names
+    Names,
+    /// By their numbers, as FMPy does
+    Numbers,
 }
 
 /// The file of the results; devices have no ending.
@@ -91,6 +103,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
     let rows = file.or(page.as_ref().map(|_| &*unsaved));
     let watch = Watch {
         keeps_rows: file.is_some(),
+        names_items: args.enumerations == Items::Names,
         keeps_worker: false,
         is_cancelled: &|| session.signal().is_some() || printer.borrow().failure.is_some(),
         warn: &ui::warn,
@@ -220,6 +233,7 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
             number.map_or_else(String::new, |number| format!("{number:.3e}"))
         };
         let value = match &value {
+            _ if !c.items.is_empty() => c.named(value).to_string(),
             Value::Float64(value) => format!("{value:.9e}"),
             Value::Float32(value) => format!("{value:.9e}"),
             Value::String(text) => format!("{text:?}"),
@@ -243,7 +257,9 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
     for line in ready.notes.iter().map(ui::note).chain(completed.ended.clone()) {
         writeln!(out, "{line}")?;
     }
-    let simulated = time - ready.experiment.start;
+    let Experiment { start, step, .. } = ready.experiment;
+    // A system that starts at the end of its first step, as a sampled loop may, has that step, too.
+    let simulated = if start == step { time } else { time - start };
     let seconds = completed.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
     writeln!(out, "{} s in {milliseconds:.3} ms: {speed}", Experiment::rounded(simulated))?;
@@ -268,8 +284,7 @@ impl Printer {
             let all = [&time].into_iter().chain(columns).cloned();
             self.text = header(&Vec::from_iter(all));
         }
-        let values = [Value::Float64(row.time)].into_iter().chain(row.values(columns));
-        push_line(&mut self.text, values.map(Some));
+        push_line(&mut self.text, row.cells(columns));
         if self.text.len() >= BUFFER {
             self.flush();
         }

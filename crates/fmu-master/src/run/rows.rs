@@ -56,13 +56,11 @@ impl Rows {
     }
 
     pub(super) fn push(&mut self, row: &Row) -> Result<()> {
-        let values = || {
-            let time = [Value::Float64(row.time)].into_iter();
-            time.chain(row.values(&self.columns[1..])).map(Some)
-        };
-        table::push_line(&mut self.text, values());
+        let columns = &self.columns[1..];
+        table::push_line(&mut self.text, row.cells(columns));
         if let Some(parquet) = &mut self.parquet {
-            parquet.push(values().collect())?;
+            let time = [Value::Float64(row.time)].into_iter();
+            parquet.push(time.chain(row.values(columns)).map(Some).collect())?;
         }
         self.ends.push((self.text.len(), row.time));
         if self.text.len() >= BUFFER { self.flush() } else { Ok(()) }

@@ -18,6 +18,8 @@ use crate::{Row, RunError};
 pub struct Watch<'a> {
     /// Whether to keep the rows of a run that does not reach its end.
     pub keeps_rows: bool,
+    /// Whether items of enumerations are written by their names rather than their numbers.
+    pub names_items: bool,
     /// Whether the worker is to do other runs after one that has not ended its process.
     pub keeps_worker: bool,
     /// Whether to stop, asked again and again.
@@ -144,7 +146,10 @@ pub fn supervise(
             Report::Call(function, time, inputs) => {
                 worker.send(&(watch.compute)(function, time, &inputs));
             }
-            Report::Ready(new) => {
+            Report::Ready(mut new) => {
+                if !watch.names_items {
+                    new.columns.iter_mut().for_each(|column| column.items.clear());
+                }
                 let create = |file| Rows::create(file, &new.columns);
                 rows = file.map(create).transpose()?;
                 ready = Some(new);

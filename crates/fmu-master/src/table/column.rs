@@ -1,5 +1,6 @@
 //! Columns of a table, and the formats of its file.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, bail};
@@ -17,6 +18,18 @@ pub struct Column {
     pub kind: Type,
     /// Whether a value may be missing.
     pub optional: bool,
+    /// The names of the items of an Enumeration; empty to write only their numbers.
+    pub items: Items,
+}
+
+/// The names of items by their numbers.
+pub type Items = BTreeMap<i64, String>;
+
+/// A value, or the name of the item with this number.
+pub(super) fn named(items: &Items, value: Value) -> Value {
+    let number = value.as_whole().and_then(|number| i64::try_from(number).ok());
+    let name = number.and_then(|number| items.get(&number));
+    name.map_or(value, |name| Value::String(name.clone()))
 }
 
 /// A value of a row; `None` if it is missing.
@@ -25,13 +38,19 @@ pub type Cell = Option<Value>;
 impl Column {
     /// A column without missing values.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, kind: Type) -> Self {
-        Self { name: name.into(), unit: unit.into(), kind, optional: false }
+        let (name, unit) = (name.into(), unit.into());
+        Self { name, unit, kind, optional: false, items: Items::new() }
     }
 
     /// The same column, in which values may be missing.
     pub fn optional(self) -> Self {
         let optional = true;
         Self { optional, ..self }
+    }
+
+    /// A value as people read it: an item by its name, if it has one.
+    pub fn named(&self, value: Value) -> Value {
+        named(&self.items, value)
     }
 
     /// Its name in a table.

@@ -39,7 +39,9 @@ impl Difference {
             Some(value) => format!("{value} in {}", tables[table]),
         };
         let tolerance = match values {
-            [Some(Value::Boolean(_) | Value::String(_)), _] => String::new(),
+            [Some(Value::Boolean(_) | Value::String(_)), _] | [_, Some(Value::String(_))] => {
+                String::new()
+            }
             _ => format!("; tolerance {tolerance:.3e}"),
         };
         format!("{name} differs at t = {time} s: {}, {}{tolerance}", value(0), value(1))

@@ -12,14 +12,15 @@ use parquet::data_type::{
     BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type, Int64Type,
 };
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{ColumnChunkMetaData, RowGroupMetaData};
+use parquet::file::metadata::{ColumnChunkMetaData, KeyValue, RowGroupMetaData};
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::record::Field;
 use parquet::schema::types::{Type, TypePtr};
 
-use super::column::{Cell, Column, Series};
+use super::column::{Cell, Column, Items, Series, named};
+use super::csv::{fields, push_line};
 
 /// Number of rows that are buffered and written column by column.
 const ROWS_PER_GROUP: usize = 1 << 16;
@@ -95,8 +96,40 @@ impl ParquetWriter {
     }
 }
 
+/// The key of the items of Enumerations in the metadata of a file: CSV with the column, the number and the name of each.
+const ITEMS: &str = "items";
+
+fn items(columns: &[Column]) -> String {
+    let mut lines = String::new();
+    for column in columns {
+        for (number, name) in &column.items {
+            let texts = [column.name.clone(), number.to_string(), name.clone()];
+            push_line(&mut lines, texts.into_iter().map(|text| Some(Value::String(text))));
+        }
+    }
+    lines
+}
+
+/// The items of a column.
+fn items_of(column: &str, mut lines: &str) -> Items {
+    let mut items = Items::new();
+    while let Some((row, rest)) = fields(lines).filter(|_| !lines.is_empty()) {
+        if let [Some(of), Some(number), Some(name)] = row.as_slice()
+            && *of == column
+            && let Ok(number) = number.parse()
+        {
+            items.insert(number, name.clone().into_owned());
+        }
+        lines = rest;
+    }
+    items
+}
+
 fn begin(file: &Path, columns: &[Column]) -> Result<SerializedFileWriter<Replacement>> {
-    let (output, properties) = (Replacement::new(file)?, WriterProperties::builder().build());
+    let output = Replacement::new(file)?;
+    let items = (!items(columns).is_empty()).then(|| KeyValue::new(ITEMS.into(), items(columns)));
+    let properties = WriterProperties::builder().set_key_value_metadata(items.map(|it| vec![it]));
+    let properties = properties.build();
     let writer = SerializedFileWriter::new(output, schema(columns)?, Arc::new(properties));
     writer.with_context(|| format!("cannot write {}", file.display()))
 }
@@ -203,6 +236,9 @@ pub(super) fn read(file: &Path) -> Result<Vec<Series>> {
     }
     let fields = reader.metadata().file_metadata().schema().get_fields();
     let mut table = Vec::from_iter(fields.iter().map(|field| Series::titled(field.name())));
+    let known = reader.metadata().file_metadata().key_value_metadata();
+    let known = known.into_iter().flatten().find(|known| known.key == ITEMS);
+    let known = known.and_then(|known| known.value.as_deref()).unwrap_or_default();
     for row in reader.get_row_iter(None)? {
         for (series, (_, field)) in table.iter_mut().zip(row?.get_column_iter()) {
             series.cells.push(match field {
@@ -222,6 +258,13 @@ pub(super) fn read(file: &Path) -> Result<Vec<Series>> {
                 Field::Bytes(value) => Some(Value::Binary(value.data().to_vec())),
                 _ => bail!("{} is not a column of numbers, Booleans or strings", series.name),
             });
+        }
+    }
+    for series in &mut table {
+        let items = items_of(&series.name, known);
+        if !items.is_empty() {
+            let cells = std::mem::take(&mut series.cells).into_iter();
+            series.cells = cells.map(|cell| cell.map(|value| named(&items, value))).collect();
         }
     }
     Ok(table)
@@ -261,6 +304,13 @@ mod tests {
             Series { name, unit, cells }
         });
         assert_eq!(read(&file).unwrap(), Vec::from_iter(expected));
+        let items = Items::from([(-5, "a, \"b\"".into()), (2, "".into())]);
+        let columns = [Column { items, ..Column::new("a.e", "", Kind::Enumeration) }];
+        let rows = [-5, 2, 3].map(|number| Ok(vec![Some(Value::Enumeration(number))]));
+        write_parquet(&file, &columns, rows.into_iter()).unwrap();
+        let text = |text: &str| Some(Value::String(text.into()));
+        let cells = [text("a, \"b\""), text(""), Some(Value::Int64(3))];
+        assert_eq!(read(&file).unwrap()[0].cells, cells);
         std::fs::write(&file, "PAR1").unwrap();
         read(&file).unwrap_err();
     }

@@ -119,9 +119,14 @@ def compare(
     tables, hold = [_result(reference), _result(results)], one_or_more(hold)
     if unknown := set(hold) - set(tables[0]):
         raise FmuError(f"hold: the reference has no variable {min(unknown)}")
+    named = [{n for n in table if table.names(n).dtype == object} for table in tables]
     compared = [
-        [(name, table.units.get(name, ""), column.tolist()) for name, column in table.items()]
-        for table in tables
+        [
+            # Of an enumeration, a file has the names of items, and another program the numbers.
+            (n, table.units.get(n, ""), (table.names(n) if n in others else table[n]).tolist())
+            for n in table
+        ]
+        for table, others in zip(tables, reversed(named), strict=True)
     ]
     names = ("the reference", "the results")
     found = _native.compare(compared, names, absolute, relative, hold)

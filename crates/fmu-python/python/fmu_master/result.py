@@ -72,6 +72,8 @@ class Result(Mapping[str, np.ndarray]):
     ----------
     units : dict
         Units by name; empty texts for variables without unit.
+    enumerations : dict
+        For each recorded enumeration, whose values are numbers, the names of its items by number.
     messages : list of Message
         What the FMUs have logged.
     notes : list of str
@@ -88,6 +90,7 @@ class Result(Mapping[str, np.ndarray]):
     def __init__(self, columns: Sequence[tuple[str, str, str, Any]], **about: Any):
         self._columns = {name: _array(kind, data) for name, _, kind, data in columns}
         self.units = {name: unit for name, unit, _, _ in columns}
+        self.enumerations: dict[str, dict[int, str]] = about.get("enumerations", {})
         self.messages = [Message(*message) for message in about.get("messages", ())]
         self.notes: list[str] = about.get("notes", [])
         self.alarms: list[str] = about.get("alarms", [])
@@ -123,6 +126,13 @@ class Result(Mapping[str, np.ndarray]):
         span = f", t = {time[0]:g} to {time[-1]:g} s" if len(time) else ""
         return f"<Result: {rows}{span}: {', '.join(self)}>"
 
+    def names(self, name: str) -> np.ndarray:
+        """Return a column in which the values of an enumeration are the names of its items."""
+        column, items = self[name], self.enumerations.get(name)
+        if items is None:
+            return column
+        return np.array([items.get(number, number) for number in column.tolist()], object)
+
     @property
     def summary(self) -> dict[str, dict[str, float]]:
         """Minimum, maximum, RMS and last value of each column of numbers, by name."""
@@ -153,24 +163,33 @@ class Result(Mapping[str, np.ndarray]):
         return polars.DataFrame(self._columns)
 
     def plot(self, names: Sequence[str] | None = None) -> Figure:
-        """Draw columns of numbers over the first one, by default all, one picture for each unit.
+        """Draw columns over the first one, by default all, one picture for each unit.
 
-        Returns the figure of Matplotlib.
+        Enumerations and texts have a picture each, with their values as names. Returns the figure
+        of Matplotlib.
         """
         from matplotlib.figure import Figure
 
         first, *others = self
-        numbers = [name for name in others if self[name].dtype != object]
-        groups: dict[str, list[str]] = {}
-        for name in numbers if names is None else one_or_more(names):
-            groups.setdefault(self.units.get(name, ""), []).append(name)
+        columns = {n: self.names(n) for n in (others if names is None else one_or_more(names))}
+        texts = {name for name, column in columns.items() if _is_text(column)}
+        groups: dict[tuple[str, bool], list[str]] = {}
+        for name, column in columns.items():
+            if name in texts:
+                groups[name, True] = [name]
+            elif names is not None or column.dtype != object:
+                groups.setdefault((self.units.get(name, ""), False), []).append(name)
         size = (7.0, 1.0 + 1.8 * max(len(groups), 1))
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(max(len(groups), 1), sharex=True, squeeze=False)[:, 0]
-        for axis, (unit, members) in zip(axes, groups.items(), strict=False):
+        for axis, ((unit, is_text), members) in zip(axes, groups.items(), strict=False):
             for name in members:
-                axis.plot(self[first], self[name], label=name, linewidth=1.2)
-            axis.set_ylabel(f"[{unit}]" if unit else "")
+                values, style = columns[name], {"label": name, "linewidth": 1.2}
+                if is_text:
+                    axis.step(self[first], values.astype(str), where="post", **style)
+                else:
+                    axis.plot(self[first], values, **style)
+            axis.set_ylabel(f"[{unit}]" if unit and not is_text else "")
             axis.legend(loc="upper right", fontsize="small")
             axis.grid(alpha=0.3)
         axes[-1].set_xlabel("time [s]" if first == "time" else first)
@@ -205,6 +224,12 @@ def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
     if any(isinstance(cell, str) for cell in cells) or name == "failure":
         return np.array(cells, object)
     return array([np.nan if cell is None else cell for cell in cells])
+
+
+def _is_text(column: np.ndarray) -> bool:
+    """Whether all values are texts, or numbers of items without a name."""
+    values = column.tolist() if column.dtype == object else []
+    return any(isinstance(v, str) for v in values) and all(isinstance(v, str | int) for v in values)
 
 
 def _array(kind: str, data: Any) -> np.ndarray:
