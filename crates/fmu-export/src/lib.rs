@@ -83,6 +83,8 @@ mod entry;
 mod equations;
 mod error;
 mod events;
+#[doc(hidden)]
+pub mod exported;
 mod fast;
 mod initialization;
 mod instance;
@@ -157,14 +159,19 @@ macro_rules! export {
         /// The models of this library.
         #[allow(long_running_const_eval, reason = "a table may be large")]
         pub static MODELS: &[$crate::Entry] = &$crate::Entry::all([$({
-            const SIZE: usize = $crate::table_size::<$model>();
-            const INTERFACE: $crate::derive::Interface =
-                $crate::interface::<$model, SIZE>(option_env!("FMU_EXPORT_VARIANT"))
-                    .named(option_env!("FMU_EXPORT_NAMING"), <$model as $crate::Model>::NAMING);
+            struct Exported;
+            impl $crate::exported::Exported for Exported {
+                type Model = $model;
+            }
+            const SIZE: usize = $crate::exported::table_size::<Exported>();
+            const INTERFACE: $crate::derive::Interface = $crate::exported::interface::<Exported, SIZE>(
+                option_env!("FMU_EXPORT_VARIANT"),
+                option_env!("FMU_EXPORT_NAMING"),
+            );
             #[used]
             static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
                 $crate::embedded::write(&INTERFACE);
-            $crate::Entry::new::<$model, SIZE>(INTERFACE, &EMBEDDED)
+            $crate::exported::entry::<Exported, SIZE>(INTERFACE, &EMBEDDED)
         }),+]);
 
         #[cfg(target_arch = "wasm32")]

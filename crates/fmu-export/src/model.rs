@@ -113,9 +113,10 @@ pub trait Behavior: Any {
 #[doc(hidden)]
 #[diagnostic::on_unimplemented(
     message = "`{Self}` cannot implement `Simulate`",
+    label = "expected a struct with #[derive(Model)], and without `continuous`",
     note = "with `#[model(continuous)]`, write `impl Continuous` instead; a function that takes steps better than the integrator is named by `#[model(continuous, step = Self::step)]`"
 )]
-pub trait Stepped {}
+pub trait Stepped: Model {}
 
 /// What a model does, implemented by its author; of a model with equations, [`Continuous`] is instead.
 #[diagnostic::on_unimplemented(
@@ -123,7 +124,7 @@ pub trait Stepped {}
     note = "write `impl Simulate` for it, with a function `step`"
 )]
 #[allow(unused_variables, reason = "the names document the arguments")]
-pub trait Simulate: Model + Stepped {
+pub trait Simulate: Stepped {
     /// Computes the outputs at the start time from the start values of parameters and inputs. All other
     /// fields have their default values. If the host changes a value afterwards, it is called again,
     /// on a fresh copy.
@@ -161,9 +162,10 @@ pub trait Simulate: Model + Stepped {
 #[doc(hidden)]
 #[diagnostic::on_unimplemented(
     message = "`{Self}` has no rates",
+    label = "expected a struct with #[derive(Model)] and `rates`",
     note = "name them and their sample times: `#[model(rates(slow = 0.1, fast = 0.001))]`"
 )]
-pub trait Rated {}
+pub trait Rated: Model {}
 
 /// How a model with several sample times starts, instead of [`Simulate`].
 ///
@@ -210,7 +212,7 @@ pub trait Rated {}
     note = "with `#[model(rates(...))]`, write `impl MultiRate` for it; it may be empty"
 )]
 #[allow(unused_variables, reason = "the names document the arguments")]
-pub trait MultiRate: Model + Rated {
+pub trait MultiRate: Rated {
     /// As [`Simulate::initialize`].
     ///
     /// # Errors
