@@ -4,12 +4,13 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Error, Result, anyhow};
+use anyhow::{Context, Error, Result, anyhow, ensure};
 use toml::de::{DeTable, DeValue};
 
 use crate::declarations::Declarations;
 use crate::note::Advice;
 use crate::package::is_package;
+use crate::table::Format;
 use crate::{Component, Description, ssp};
 
 impl Description {
@@ -31,6 +32,8 @@ impl Description {
             return ssp::read(file);
         }
         let name = file.display();
+        let is_table = Format::from_name(file).is_some();
+        ensure!(!is_table, "{name} is a table, expected an FMU, a system file or an SSP package");
         let text = fs::read_to_string(file).with_context(|| format!("cannot read {name}"))?;
         Self::parse(&text, file).with_context(|| name.to_string())
     }

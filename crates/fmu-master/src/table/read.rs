@@ -28,15 +28,26 @@ pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
 fn read_as(file: &Path, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
     match Format::from_name(file) {
         Some(Format::Parquet) => parquet::read(file),
-        _ => parse(&fs::read_to_string(file)?, value),
+        _ => {
+            let text = String::from_utf8(fs::read(file)?).ok();
+            parse(&text.context("it is no text in UTF-8, expected CSV")?, value)
+        }
     }
 }
 
 fn parse(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
     // Other programs begin with a mark, end lines with two characters, and add empty lines.
     let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
+    ensure!(!text.trim().is_empty(), "it is empty, expected a line of names in CSV");
     let (titles, mut rest) =
         csv::fields(text.trim_end_matches('\n')).context("line 1, expected names in CSV")?;
+    for (separator, name) in [(';', "semicolons"), ('\t', "tabs")] {
+        let is_one = matches!(&titles[..], [Some(title)] if title.contains(separator));
+        ensure!(
+            !is_one,
+            "its columns are separated by {name}, expected commas, and decimal points"
+        );
+    }
     let titles = titles.iter().map(|title| title.as_deref().unwrap_or_default());
     let mut table = Vec::from_iter(titles.map(Series::titled));
     let mut line = 1;
@@ -76,7 +87,11 @@ pub fn times(table: &[Series]) -> Result<Vec<f64>> {
     let mut times = Vec::with_capacity(series.cells.len());
     for row in 0..series.cells.len() {
         let time = series.number(row).filter(|time| time.is_finite());
-        let time = time.with_context(|| format!("the time of row {} is not a number", row + 1))?;
+        let time = time.with_context(|| {
+            let found =
+                series.cells[row].as_ref().map_or("empty".into(), |cell| format!("\"{cell}\""));
+            format!("the time of row {} is not a number, but {found}", row + 1)
+        })?;
         let before = times.last().copied().unwrap_or(time);
         ensure!(time >= before, "time {time:?} comes after {before:?}, expected rows in order");
         times.push(time);
@@ -98,6 +113,26 @@ pub(crate) fn rounding(time: f64, first: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_no_csv_is_refused_with_what_is_expected() {
+        for (text, reason) in [
+            ("", "it is empty, expected a line of names in CSV"),
+            (
+                "time;u\r\n0,5;1\r\n",
+                "its columns are separated by semicolons, expected commas, and decimal points",
+            ),
+            (
+                "time\tu\n0\t1\n",
+                "its columns are separated by tabs, expected commas, and decimal points",
+            ),
+        ] {
+            assert_eq!(parse(text, |_, field| value(field)).unwrap_err().to_string(), reason);
+        }
+        let table = parse("time,u\n\"0,5\",1\n", |_, field| value(field)).unwrap();
+        let refused = times(&table).unwrap_err().to_string();
+        assert_eq!(refused, "the time of row 1 is not a number, but \"0,5\"");
+    }
 
     #[test]
     fn fields_of_csv_have_the_type_that_they_look_like() {
