@@ -5,6 +5,7 @@ pub use crate::checks::{check_bounds, check_start, exists, number, positive, uni
 use crate::hash::Hash;
 pub use crate::references::{FixedReference, check_reference};
 use crate::scalar::scalar_count;
+pub use crate::scalar::variable_count;
 pub use crate::state::{StateError, StateReader, StateWriter};
 use crate::table::AnyChoice;
 pub use crate::table::{

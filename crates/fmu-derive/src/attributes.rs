@@ -140,18 +140,31 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("derivative", expression), &[Input]),
     (("derivative_by", derivatives), EQUATIONS),
     (("terminal", terminal), &[Input, Output]),
+    (("reference", expression), ANY_ROW),
+    (("references", references), &[Nested]),
     (("prefix", text), &[Nested]),
     (("flatten", flag), &[Nested]),
     (("with", path), &[Saved]),
     (("category", text), &[Log]),
 ];
-const DESCRIBED: &[Role] =
-    &[Derivative, Input, Output, Parameter, StructuralParameter, Local, Constant, EventIndicator];
+const ANY_ROW: &[Role] = &[
+    Nested,
+    Derivative,
+    Input,
+    Output,
+    Parameter,
+    StructuralParameter,
+    Local,
+    Constant,
+    EventIndicator,
+];
+const DESCRIBED: &[Role] = ANY_ROW.split_at(1).1;
 /// The name of a derivative follows from the name of its state.
 const NAMED: &[Role] = DESCRIBED.split_at(1).1;
 const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];
 /// Options for a few variables only, which messages do not list.
-const RARE: [&str; 5] = ["alias", "deprecated", "display", "mime_type", "size"];
+const RARE: [&str; 7] =
+    ["alias", "deprecated", "display", "mime_type", "reference", "references", "size"];
 
 /// The options that are given: name, place and value.
 #[derive(Default)]
@@ -281,6 +294,14 @@ impl Options {
         }
     }
 
+    /// The value references of variables in a nested struct.
+    pub fn references(&self) -> &[(LitStr, Expression)] {
+        match self.given("references") {
+            Some((.., OptionValue::Derivatives(references))) => references,
+            _ => &[],
+        }
+    }
+
     /// The path of the crate with the traits.
     pub fn krate(&self) -> TokenStream {
         let path = self.expression("crate").map(ToTokens::to_token_stream);
@@ -373,6 +394,17 @@ fn derivatives(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     }
     let all = list.parse_terminated(one, Token![,])?;
     Ok(OptionValue::Derivatives(all.into_iter().collect()))
+}
+
+/// `(name = expression, "name.name" = expression)`
+fn references(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    match meta.input.peek(syn::token::Paren) {
+        true => derivatives(meta),
+        false => {
+            let what = "expected variables of the struct with their value references, such as `references(kp = 12)`; `reference = 12` numbers all";
+            Err(meta.error(what))
+        }
+    }
 }
 
 /// `(method = expression, method = expression)`

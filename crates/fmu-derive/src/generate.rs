@@ -1,7 +1,7 @@
 //! The code for a field: its row in the table, and the access to its value.
 
 use fmu_description::{Type as FmiType, words};
-use proc_macro2::TokenStream;
+use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
 use syn::spanned::Spanned;
 use syn::{Ident, LitStr};
@@ -308,6 +308,34 @@ impl Field {
     ) -> TokenStream {
         let dimensions = self.dimensions();
         dimensions.iter().fold(of_element, |inner, _| of_elements(inner))
+    }
+}
+
+/// Fixed value references.
+impl Field {
+    /// The value references that the field fixes: where each is given, and its row of the table of the model.
+    pub fn fixed_references(&self) -> Vec<(Span, TokenStream)> {
+        let (krate, row, rows, prefix) =
+            (&self.krate, self.row, self.row_count(), self.name.value());
+        let fixed = |name: String, reference: &Expression| {
+            let place = reference.span();
+            let number = respan(place, quote!({ let reference: u32 = #reference; reference }));
+            let fixed = quote!(#krate::FixedReference {
+                row: #row, rows: #rows, name: #name, reference: #number as usize,
+            });
+            (place, fixed)
+        };
+        let all = self.options.expression("reference").map(|all| fixed(String::new(), all));
+        let single = self.options.references().iter().map(|(name, reference)| {
+            let name = name.value();
+            let full = match (prefix.is_empty(), name.starts_with('[')) {
+                (true, _) => name,
+                (false, true) => format!("{prefix}{name}"),
+                (false, false) => format!("{prefix}.{name}"),
+            };
+            fixed(full, reference)
+        });
+        all.into_iter().chain(single).collect()
     }
 }
 

@@ -43,8 +43,10 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     }
     let logs: Vec<_> = fields.iter().filter(|field| field.role == Role::Log).collect();
     check_logs(&logs)?;
-    let model = model(input, &options, Some((&name, &description)), &logs);
-    Ok(quote!(#variables #model))
+    let fixed: Vec<_> = fields.iter().flat_map(Field::fixed_references).collect();
+    let checks = reference_checks(input, &options, &fixed);
+    let model = model(input, &options, Some((&name, &description)), &logs, &fixed);
+    Ok(quote!(#variables #model #checks))
 }
 
 /// Checks that the host can tell the logs apart.
@@ -80,7 +82,34 @@ pub fn expand_variables(input: &DeriveInput) -> Result<TokenStream> {
             "only a model has a log; pass it to the functions of this struct",
         );
     }
+    let fixed = |field: &Field| {
+        ["reference", "references"].iter().find_map(|option| field.options.span(option))
+    };
+    if let Some(place) = fields.iter().find_map(fixed) {
+        let what = "a model numbers its variables; expected `references(...)` where the model has this struct, at #[nested]";
+        return Err(Error::new(place, what));
+    }
     Ok(variables(input, &options, Some(&fields)))
+}
+
+/// The checks of the value references that a model fixes.
+fn reference_checks(
+    input: &DeriveInput,
+    options: &Options,
+    fixed: &[(Span, TokenStream)],
+) -> TokenStream {
+    let (ident, krate) = (&input.ident, options.krate());
+    let checks = fixed.iter().enumerate().filter(|_| input.generics.params.is_empty());
+    let checks = checks.map(|(i, (place, _))| {
+        let rows = quote!(<#ident as #krate::Variables>::ROWS);
+        let check = quote! {
+            const _: () = #krate::derive::check_reference::<{ #krate::derive::variable_count(#rows) }>(
+                #rows, <#ident as #krate::Model>::REFERENCES, #i,
+            );
+        };
+        respan(*place, check)
+    });
+    quote!(#(#checks)*)
 }
 
 /// The implementation for a struct whose derive failed, so that the compiler reports the mistake alone, and not
@@ -94,7 +123,7 @@ pub fn stub_variables(input: &DeriveInput) -> TokenStream {
 pub fn stub(input: &DeriveInput) -> TokenStream {
     let options = Options::from_attributes(&input.attrs, MODEL).unwrap_or_default();
     let variables = variables(input, &options, None);
-    let model = model(input, &options, None, &[]);
+    let model = model(input, &options, None, &[], &[]);
     quote!(#variables #model)
 }
 
@@ -104,6 +133,7 @@ fn model(
     options: &Options,
     named: Option<(&LitStr, &String)>,
     logs: &[&Field],
+    fixed: &[(Span, TokenStream)],
 ) -> TokenStream {
     let (ident, krate) = (&input.ident, options.krate());
     let is_stub = named.is_none();
@@ -229,6 +259,7 @@ fn model(
             }
         }
     });
+    let references = fixed.iter().map(|(_, fixed)| fixed);
     quote! {
         #stepped
         #drive
@@ -236,6 +267,7 @@ fn model(
         impl #generics #krate::Model for #ident #arguments #condition {
             const NAME: &'static str = #name;
             const DESCRIPTION: &'static str = #description;
+            const REFERENCES: &'static [#krate::derive::FixedReference] = &[#(#references),*];
             const IS_SAMPLED: bool = #is_sampled;
             const RATES: usize = #count;
             const IS_CONTINUOUS: bool = #is_continuous;

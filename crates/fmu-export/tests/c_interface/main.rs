@@ -17,6 +17,7 @@ mod log;
 mod models;
 mod ramps;
 mod rates;
+mod references;
 mod samples;
 mod saved;
 mod single_instance;
