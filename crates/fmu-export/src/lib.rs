@@ -73,6 +73,7 @@
 mod any_model;
 #[cfg(all(fmu_export_no_backtrace, not(target_feature = "crt-static")))]
 mod backtrace;
+pub mod c;
 #[cfg(target_arch = "wasm32")]
 mod canonical;
 mod clock;
