@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from native import printed, run
-from pendulum_fmus.master import Component
+from pendulum_fmus.master import Component, MasterError
 from pendulum_fmus.project import ROOT
 from test_package import MODELS, Fmu, of
 
