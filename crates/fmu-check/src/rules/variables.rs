@@ -74,12 +74,14 @@ impl Check<'_> {
                     "the name has a line break or tab, expected none");
             }
         }
-        if structured {
+        let tool = self.model.root.attribute("generationTool").unwrap_or_default();
+        if structured && tool.starts_with("cargo-fmu ") {
             self.hint_at_buses();
         }
     }
 
-    /// Simulink's FMU block makes a port with a bus of inputs with structured names.
+    /// Simulink's FMU block makes a port with a bus of inputs with structured names. Only the exporter of this project
+    /// is known to have the remedy.
     fn hint_at_buses(&mut self) {
         let variables = self.model.variables().map(|(_, variable)| variable);
         let inputs = variables.filter(|v| v.causality == Causality::Input);
@@ -254,11 +256,11 @@ mod tests {
 
     #[test]
     fn structured_names_of_inputs_are_hinted_at() {
-        let hints = |convention: &str, names: &[&str]| {
+        let hints_of = |tool: &str, convention: &str, names: &[&str]| {
             let inputs =
                 names.iter().map(|name| format!("<Float64 name='{name}' causality='input'/>"));
             let xml = format!(
-                "<fmiModelDescription fmiVersion='3.0' variableNamingConvention='{convention}'>
+                "<fmiModelDescription fmiVersion='3.0' generationTool='{tool}' variableNamingConvention='{convention}'>
                 <ModelVariables>{}<Float64 name='w.y' causality='output'/></ModelVariables></fmiModelDescription>",
                 inputs.collect::<String>().replace("causality", "valueReference='1' causality")
             );
@@ -267,12 +269,14 @@ mod tests {
             check(&ModelDescription::new(&root), &mut findings);
             findings.hints().to_vec()
         };
+        let hints = |convention, names| hints_of("cargo-fmu 0.1.0", convention, names);
         let found = hints("structured", &["r", "pid.y[1]", "a[1]"]).concat();
         assert!(found.contains("\"pid.y[1]\" and 1 more;"), "{found}");
         assert!(found.contains("flat names such as \"pid_y_1\""), "{found}");
         assert!(hints("structured", &["pid.y"]).concat().contains("inputs: \"pid.y\";"));
         assert!(hints("structured", &["r", "y"]).is_empty());
         assert!(hints("flat", &["pid.y"]).is_empty());
+        assert!(hints_of("another tool", "structured", &["pid.y"]).is_empty());
     }
 
     #[test]
