@@ -86,6 +86,27 @@ def test_the_loop_of_a_new_package_closes_in_the_native_master_and_in_fmpy(
     assert results["plant.y"][-1] == pytest.approx(100.0, rel=1e-3)
 
 
+def test_an_fmu_that_is_older_than_its_sources_is_told(workspace: Path, exported: Path) -> None:
+    package = workspace / "my-controller"
+    source = package / "src" / "plant.rs"
+    simulate = [PROGRAM, "simulate", "loop.toml"]
+    text = source.read_text()
+    try:
+        source.write_text(text + "// changed\n")
+        said = call(simulate, package).stderr
+        assert "MyController.fmu and " in said
+        assert "src/plant.rs has changed; `cd " in said
+    finally:
+        source.write_text(text)
+    assert "older than" not in call(simulate, package).stderr
+    controller = exported / "MyController.fmu"
+    controller.rename(hidden := exported / "hidden.fmu")
+    try:
+        assert "cargo fmu export` builds it" in call(simulate, package).stderr
+    finally:
+        hidden.rename(controller)
+
+
 def test_run_builds_and_simulates_again_after_a_change(workspace: Path, tmp_path: Path) -> None:
     package, csv = workspace / "my-controller", tmp_path / "run.csv"
     source = package / "src" / "plant.rs"

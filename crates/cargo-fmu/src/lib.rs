@@ -174,7 +174,12 @@ fn execute(command: Command) -> Result<ExitCode> {
     let code = |is_passed| if is_passed { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     match command {
         Command::New(args) => new::run(&args, out)?,
-        Command::Export(options) => until_interrupted(|| export::run(&options, out))?,
+        Command::Export(mut options) => {
+            // How the user can repeat it.
+            let words = std::env::args_os().skip_while(|word| word != "export").skip(1);
+            options.arguments = words.map(|word| word.to_string_lossy().into_owned()).collect();
+            until_interrupted(|| export::run(&options, out))?;
+        }
         Command::Info(args) => info::run(&args, out)?,
         Command::Merge(args) => until_interrupted(|| merge::run(&args, out))?,
         Command::Validate(args) => {

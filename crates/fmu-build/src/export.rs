@@ -1,10 +1,13 @@
 //! The export: builds the models of a workspace for the requested platforms, and writes their FMUs.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::panic;
 use std::path::{Path, PathBuf};
 use std::ptr;
 use std::thread;
+use std::time::SystemTime;
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
@@ -20,6 +23,7 @@ use fmu_file::replace;
 use crate::binary::{BinarySource, PlatformBinary, check_functions, drop_replaced};
 use crate::cargo::{self, BuildProgress, profile_settings, remap};
 use crate::contents;
+use crate::exports::{self, Exported};
 use crate::library::{ModelLibrary, Selection};
 use crate::missing::Missing;
 use crate::model::{self, BuiltModel, Variant};
@@ -70,6 +74,9 @@ pub struct ExportOptions {
     /// dependencies: soon, but the binaries have the functions of all versions of FMI, and paths of this machine.
     #[arg(skip)]
     pub is_for_trial: bool,
+    /// The arguments on the command line, by which a message tells how to export again.
+    #[arg(skip)]
+    pub arguments: Vec<String>,
 }
 
 fn version() -> impl TypedValueParser<Value = FmiVersion> {
@@ -102,6 +109,7 @@ pub fn export(
     options: &ExportOptions,
     progress: &dyn Fn(BuildProgress<'_>),
 ) -> Result<Vec<ExportedFmu>> {
+    let begin = SystemTime::now();
     let metadata = options.selection.metadata()?;
     let out = match &options.out {
         Some(out) => out.clone(),
@@ -130,6 +138,7 @@ pub fn export(
             version,
             targets: targets(options, version, &mut missing)?,
             prebuilt: prebuilt(options, version)?,
+            sources: RefCell::default(),
             progress,
         })
     });
@@ -142,15 +151,54 @@ pub fn export(
         progress(BuildProgress::Said(&recipe.to_string()));
     }
     // No FMU is written before all are complete.
-    let mut fmus = Vec::new();
+    let mut built = Vec::new();
     for builder in &builders {
-        fmus.extend(builder.build_fmus(&libraries)?);
+        built.push((builder.build_fmus(&libraries)?, builder));
     }
-    let write = |(fmu, content): (ExportedFmu, Vec<u8>)| {
-        replace::write(&fmu.file, &content)?;
-        Ok(fmu)
-    };
-    fmus.into_iter().map(write).collect()
+    let (mut written, mut exported) = (Vec::new(), Vec::new());
+    for (fmus, builder) in built {
+        let first = exported.len();
+        for NewFmu { fmu, content, library } in fmus {
+            replace::write(&fmu.file, &content)?;
+            let is_of = |export: &Exported<'_>| ptr::eq(export.library, library);
+            let at = exported[first..].iter().position(is_of).unwrap_or(exported.len() - first);
+            if first + at == exported.len() {
+                let sources = builder.sources_of(library);
+                let version = builder.version;
+                exported.push(Exported { library, version, fmus: Vec::new(), sources });
+            }
+            exported[first + at].fmus.push(fmu.file.clone());
+            written.push(fmu);
+        }
+    }
+    if !options.is_for_trial {
+        let settings = exports::Settings {
+            metadata: &metadata,
+            arguments: &options.arguments,
+            has_all_models: options.models.is_empty() && !options.variant.is_some(),
+            is_variant: options.variant.is_some(),
+            begin,
+        };
+        let _lock = lock(metadata.target_directory.as_std_path())?;
+        for (file, package) in exports::record(exported, &settings)? {
+            let (file, is_default) = (file.display(), options.out.is_none());
+            let what = match is_default && fs::remove_file(file.to_string()).is_ok() {
+                true => format!("removed {file}: the package {package} no longer has its model"),
+                false => format!(
+                    "warning: {file} is of an earlier export: the package {package} no longer has its model"
+                ),
+            };
+            progress(BuildProgress::Said(&what));
+        }
+    }
+    Ok(written)
+}
+
+/// An FMU that is to be written, and the library that it was built from.
+struct NewFmu<'a> {
+    fmu: ExportedFmu,
+    content: Vec<u8>,
+    library: &'a ModelLibrary,
 }
 
 /// Builds FMUs of one version of FMI.
@@ -164,6 +212,8 @@ struct Builder<'a> {
     version: FmiVersion,
     targets: Vec<BuildTarget>,
     prebuilt: Vec<PlatformBinary<'a>>,
+    /// The sources of each package, as far as it was built.
+    sources: RefCell<BTreeSet<(String, PathBuf)>>,
     /// Receives each step of the build.
     progress: &'a dyn Fn(BuildProgress<'_>),
 }
@@ -178,7 +228,7 @@ const NO_SLP: &str = "-Cno-vectorize-slp";
 
 impl<'a> Builder<'a> {
     /// Builds the requested models and packs their FMUs.
-    fn build_fmus(&self, libraries: &'a [ModelLibrary]) -> Result<Vec<(ExportedFmu, Vec<u8>)>> {
+    fn build_fmus(&self, libraries: &'a [ModelLibrary]) -> Result<Vec<NewFmu<'a>>> {
         let mut built = self.build(libraries)?;
         let mut models = self.requested_models(&built)?;
         if self.options.variant.is_some() {
@@ -213,6 +263,13 @@ impl<'a> Builder<'a> {
             packed.collect::<Result<Vec<_>>>()
         })?;
         models.iter().map(|model| self.pack(model, &packed)).collect()
+    }
+
+    /// The sources of a library that was built.
+    fn sources_of(&self, library: &ModelLibrary) -> BTreeSet<PathBuf> {
+        let sources = self.sources.borrow();
+        let sources = sources.iter().filter(|(package, _)| *package == library.package);
+        sources.map(|(_, source)| source.clone()).collect()
     }
 
     /// Builds libraries until all requested models are found; all libraries, if none is named.
@@ -323,6 +380,9 @@ impl<'a> Builder<'a> {
         // must not build before it is read.
         let _lock = lock(self.metadata.target_directory.as_std_path())?;
         let file = build.shared_library(&library.target, extension, self.progress)?;
+        let sources = exports::sources(&file).into_iter();
+        let sources = sources.map(|source| (library.package.clone(), source));
+        self.sources.borrow_mut().extend(sources);
         fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
     }
 
@@ -390,9 +450,9 @@ impl<'a> Builder<'a> {
     /// Packs the FMU of a model.
     fn pack(
         &self,
-        model: &BuiltModel<'_>,
+        model: &BuiltModel<'a>,
         packed: &[(&PlatformBinary<'_>, Packed)],
-    ) -> Result<(ExportedFmu, Vec<u8>)> {
+    ) -> Result<NewFmu<'a>> {
         let xml = Packed::text(model.xml.as_bytes())?;
         let contents = contents::files(model, self.metadata)?;
         let contents = contents
@@ -415,7 +475,7 @@ impl<'a> Builder<'a> {
         let name = model.file_name();
         let content = archive::zip(&entries).with_context(|| format!("cannot pack {name}"))?;
         let fmu = ExportedFmu { file: self.out.join(name), size: content.len() as u64, platforms };
-        Ok((fmu, content))
+        Ok(NewFmu { fmu, content, library: model.library })
     }
 }
 

@@ -10,6 +10,7 @@ mod component;
 mod contents;
 pub mod dependency;
 mod export;
+mod exports;
 mod library;
 mod missing;
 mod model;
@@ -23,5 +24,6 @@ pub use fmu_description::FmiVersion;
 
 pub use cargo::BuildProgress;
 pub use export::{ExportOptions, ExportedFmu, export};
+pub use exports::{export_command, stale};
 pub use library::Selection;
 pub use model::Variant;

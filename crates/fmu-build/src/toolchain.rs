@@ -324,15 +324,11 @@ pub fn check_names(names: &[String]) -> Result<()> {
     };
     let Some(name) = names.iter().find(is_unknown) else { return Ok(()) };
     let (host, known) = (host()?, toolchain.rustc(&["--print", "target-list"]));
-    match triple::meant(name, &known.unwrap_or_default(), &host) {
-        Some(meant) => {
-            bail!("--target {name}: there is no such Rust target; did you mean {meant}?")
-        }
-        None => bail!(
-            "--target {name}: the Rust toolchain does not know this target; expected a target such as \
-             x86_64-pc-windows-gnu, or another one that `rustc --print target-list` lists"
-        ),
-    }
+    let end = match triple::meant(name, &known.unwrap_or_default(), &host) {
+        Some(meant) => format!("did you mean {meant}?"),
+        None => "`rustc --print target-list` lists all targets".to_owned(),
+    };
+    bail!("the Rust toolchain does not know the target {name}; {end}")
 }
 
 /// The triple of this machine.
@@ -426,8 +422,8 @@ mod tests {
 
     #[test]
     fn unknown_targets_are_named_in_the_error() {
-        let name = "x86_64-nonsense-linux-gnu".to_owned();
-        let error = check_names(&[name.clone()]).unwrap_err().to_string();
-        assert!(error.contains(&name) && error.contains("x86_64-unknown-linux-gnu?"), "{error}");
+        let name = "x86_64-nonsense-linux-gnu";
+        let error = check_names(&[name.to_owned()]).unwrap_err().to_string();
+        assert!(error.contains(name), "{error}");
     }
 }

@@ -21,13 +21,13 @@ const PLATFORMS: [(&[&str], &str); 11] = [
     (&["wasm32-wasip2", "wasm32", "wasm32-unknown-unknown"], TARGET_WASM),
 ];
 
-/// How similar a name must be to a target to be taken for it.
-const SIMILAR: f64 = 0.85;
+/// How many letters of a target may be wrong.
+const MISTAKES: usize = 2;
 
 /// The target that was probably meant by the name of a platform or a misspelled target. `known` are the targets of the
 /// toolchain, `host` is the target of this machine.
 pub fn meant(name: &str, known: &str, host: &str) -> Option<String> {
-    let name = name.to_lowercase();
+    let name = name.split('.').next().unwrap_or_default().to_lowercase();
     if let Some((_, target)) = PLATFORMS.iter().find(|(names, _)| names.contains(&&*name)) {
         // On Windows, the usual toolchain is the one of Visual Studio.
         return Some(match host.ends_with("-msvc") {
@@ -37,9 +37,18 @@ pub fn meant(name: &str, known: &str, host: &str) -> Option<String> {
     }
     let is_for_fmi = |target: &&str| Platform::of_target(target, FmiVersion::Fmi3).is_ok();
     let targets = known.lines().chain([UNIVERSAL]).filter(is_for_fmi);
-    let similarity = |target| (strsim::jaro_winkler(&name, target), target);
-    let best = targets.map(similarity).max_by(|a, b| a.0.total_cmp(&b.0));
-    best.filter(|(similarity, _)| *similarity > SIMILAR).map(|(_, target)| target.to_owned())
+    let mut targets = Vec::from_iter(targets);
+    let is_part = |target: &&&str| {
+        let mut parts = target.split('-');
+        name.contains('-') && name.split('-').all(|part| parts.any(|other| other == part))
+    };
+    if let Some(target) = targets.iter().find(is_part) {
+        return Some((*target).to_owned());
+    }
+    let distance = |target: &&str| strsim::osa_distance(&name, target);
+    targets.sort_by_key(distance);
+    let nearest = targets.first().filter(|target| distance(target) <= MISTAKES);
+    nearest.map(|target| (*target).to_owned())
 }
 
 #[cfg(test)]
@@ -74,7 +83,7 @@ mod tests {
 
     #[test]
     fn a_name_that_resembles_no_target_means_none() {
-        for name in ["", "plc", "siemens-s7"] {
+        for name in ["", "plc", "siemens-s7", "x86_64-nonsense-linux-gnu"] {
             assert_eq!(meant(name, KNOWN, ""), None, "{name}");
         }
     }

@@ -11,5 +11,6 @@ pub mod new;
 pub mod run;
 pub mod simulate;
 pub mod ssp;
+pub mod stale;
 pub mod sweep;
 pub mod validate;

@@ -19,6 +19,7 @@ use fmu_master::{Column, Experiment, Message, Overrides, Row, Statistics};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::limits::Limited;
+use super::stale;
 use crate::plot::Page;
 use crate::session::{self, Session};
 use crate::ui;
@@ -82,6 +83,8 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
 /// As [`run()`].
 pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -> Result<ExitCode> {
     args.check_files()?;
+    let fmus = stale::fmus(&args.system, args.changes.fmus.as_deref());
+    stale::warn(&fmus);
     let is_printed = args.prints_rows();
     let mut command = session::worker()?;
     let mut messages = anstream::stderr();
@@ -144,7 +147,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
         RunOutcome::Failed { error, rows } => {
             args.print(&error.messages);
             let advice = error.advice.as_ref().map(ui::advice).unwrap_or_default();
-            bail!("{error}{advice}{rows}")
+            bail!("{error}{advice}{}{rows}", stale::advice(&fmus))
         }
         RunOutcome::Cancelled { time, rows } => {
             let time = time.map(|time| format!(" at t = {time:?} s")).unwrap_or_default();

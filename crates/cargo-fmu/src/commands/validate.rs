@@ -9,6 +9,7 @@ use clap::{Args, ValueEnum};
 use fmu_check::{Findings, Probes, Severity, format};
 
 use super::files;
+use super::stale;
 use crate::session;
 use crate::ui::{self, ERROR, OK, WARNING};
 
@@ -71,8 +72,10 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
             })
         }
     };
+    let files = files::expanded(&args.files)?;
+    stale::warn(&files);
     let (mut is_valid, mut checked) = (true, Vec::new());
-    for file in &files::expanded(&args.files)? {
+    for file in &files {
         let mut findings = Findings::keeping(if args.all { Findings::ALL } else { Findings::FEW });
         let deadline = Instant::now() + Duration::from_secs(args.total_time.into());
         fmu_check::check(file, probes.as_ref(), deadline, &mut findings);
