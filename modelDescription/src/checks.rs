@@ -24,7 +24,7 @@ pub const fn check_start(rows: &[TableRow], row: usize, message: &str) {
 }
 
 #[track_caller]
-const fn check_start_values(declaration: &Declaration, message: &str) {
+pub(crate) const fn check_start_values(declaration: &Declaration, message: &str) {
     let Declaration { start, bounds, .. } = declaration;
     let mut i = 0;
     while i < start.len() && bounds.have_values() {

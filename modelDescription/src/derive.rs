@@ -1,6 +1,7 @@
 //! What the code of the derive macros uses.
 
 pub use crate::Interface;
+pub use crate::change::{Change, changed, check_change};
 pub use crate::checks::{check_bounds, check_start, exists, number, positive, unique};
 use crate::hash::Hash;
 pub use crate::references::{FixedReference, check_reference};

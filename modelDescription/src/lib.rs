@@ -12,6 +12,8 @@
 #![deny(unsafe_code)]
 
 #[cfg(feature = "table")]
+mod change;
+#[cfg(feature = "table")]
 pub mod checks;
 #[cfg(feature = "table")]
 #[doc(hidden)]

@@ -95,6 +95,8 @@ pub enum OptionValue {
     Names(Vec<LitStr>),
     Derivatives(Vec<(LitStr, Expression)>),
     Rates(Vec<(Ident, Expression)>),
+    /// What a variable of a nested struct has instead.
+    Variable(LitStr, Options),
 }
 
 /// The options of `#[model(...)]`, `#[variables(...)]` and `#[choice(...)]`.
@@ -117,6 +119,10 @@ pub const MODEL: (&str, &[KnownOption]) = (
 pub const VARIABLES: (&str, &[KnownOption]) =
     ("variables", &[("crate", expression), ("default", flag)]);
 pub const CHOICE: (&str, &[KnownOption]) = ("choice", &[("name", text), ("crate", expression)]);
+
+/// The options of a variable in `#[nested(kp(start = 300))]`.
+const CHANGES: &[KnownOption] =
+    &[("unit", text), ("min", expression), ("max", expression), ("start", expression)];
 
 /// The options of fields, and the roles that have them.
 const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
@@ -225,9 +231,23 @@ impl Options {
                 };
                 format!("not an option of `{name}`; {expected}")
             };
-            attribute.parse_nested_meta(|meta| options.read(&meta, &known, &unknown))?;
+            attribute.parse_nested_meta(|meta| match found {
+                Nested if meta.input.peek(token::Paren) => options.read_variable(&meta),
+                _ => options.read(&meta, &known, &unknown),
+            })?;
         }
         Ok((found, options))
+    }
+
+    /// Reads `kp(start = 300)`.
+    fn read_variable(&mut self, meta: &ParseNestedMeta<'_>) -> Result<()> {
+        let mut options = Self::default();
+        let name = ident_name(meta.path.require_ident()?);
+        let names: Vec<_> = CHANGES.iter().map(|(name, _)| *name).collect();
+        let unknown = |_: &Path| format!("unknown option; expected {}", either(&names));
+        meta.parse_nested_meta(|meta| options.read(&meta, CHANGES, &unknown))?;
+        self.0.push(("", meta.path.span(), OptionValue::Variable(name, options)));
+        Ok(())
     }
 
     fn read(
@@ -300,6 +320,14 @@ impl Options {
             Some((.., OptionValue::Derivatives(references))) => references,
             _ => &[],
         }
+    }
+
+    /// The variables of a nested struct that have other options.
+    pub fn variables(&self) -> impl Iterator<Item = (&LitStr, &Self)> {
+        self.0.iter().filter_map(|(.., value)| match value {
+            OptionValue::Variable(name, options) => Some((name, options)),
+            _ => None,
+        })
     }
 
     /// The path of the crate with the traits.

@@ -68,6 +68,19 @@ impl Expression {
         matches!(self.form, Form::Literal(_))
     }
 
+    /// The first element of the innermost array, or the expression itself; and in how many arrays it is.
+    pub fn innermost(&self) -> (&Self, usize) {
+        let inner = match &self.form {
+            Form::Array(elements) => elements.first(),
+            Form::Repeat(element, _) => Some(&**element),
+            _ => None,
+        };
+        inner.map_or((self, 0), |inner| {
+            let (innermost, depth) = inner.innermost();
+            (innermost, depth + 1)
+        })
+    }
+
     /// The value of a literal number.
     pub fn number(&self) -> Option<f64> {
         match &self.form {

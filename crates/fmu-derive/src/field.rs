@@ -85,7 +85,11 @@ impl Field {
                     "expected an array of one dimension with a literal length, such as [Motor; 3]";
                 return error(&field.ty, what);
             }
-            Role::Nested => found.name = found.prefix()?,
+            Role::Nested => {
+                found.name = found.prefix()?;
+                let mut units = found.options.variables().filter_map(|(_, of)| of.text("unit"));
+                units.try_for_each(|unit| check_unit(unit).map(|_| ()))?;
+            }
             _ => {
                 found.name = found.variable_name()?;
                 found.description = found.variable_description(&field.attrs)?;

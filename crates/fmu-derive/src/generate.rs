@@ -4,7 +4,7 @@ use fmu_description::{Type as FmiType, words};
 use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
 use syn::spanned::Spanned;
-use syn::{Ident, LitStr};
+use syn::{Ident, Lit, LitStr};
 
 use crate::attributes::Role;
 use crate::expression::{Expression, Form, respan};
@@ -49,6 +49,7 @@ impl Field {
         let Some(rows) = self.nested_item(&quote!(ROWS)) else {
             return self.row().into_iter().collect();
         };
+        let rows = self.changed(rows);
         let group = |i: usize| {
             let prefix = match self.dimensions().is_empty() {
                 true => name.value(),
@@ -58,6 +59,47 @@ impl Field {
             quote!(#krate::TableRow::Group { prefix: #prefix, offset: #offset, rows: #rows })
         };
         (0..self.row_count()).map(group).collect()
+    }
+
+    /// The changes of variables of a nested struct, in the order in which they are made.
+    fn changes(&self) -> impl Iterator<Item = (&LitStr, TokenStream)> {
+        let krate = &self.krate;
+        self.options.variables().flat_map(move |(name, options)| {
+            let unit = options.text("unit").map(|unit| quote!(Unit(#unit)));
+            let real = |option| options.expression(option).map(Expression::real);
+            let min = real("min").map(|min| quote!(Min(#min)));
+            let max = real("max").map(|max| quote!(Max(#max)));
+            let start = options.expression("start").map(start_change);
+            let changes = [unit, min, max, start].into_iter().flatten();
+            changes.map(move |change| (name, quote!(#krate::Change::#change)))
+        })
+    }
+
+    /// The rows of a nested struct with its changes.
+    fn changed(&self, rows: TokenStream) -> TokenStream {
+        let krate = &self.krate;
+        let changes: Vec<_> =
+            self.changes().map(|(name, change)| quote!((#name, #change))).collect();
+        match changes.is_empty() {
+            true => rows,
+            false => quote!({
+                const CHANGED: [#krate::TableRow; #rows.len()] =
+                    #krate::changed(#rows, &[#(#changes),*]);
+                &CHANGED
+            }),
+        }
+    }
+
+    /// Checks of the changes of a nested struct, which the compiler makes.
+    pub fn change_checks(&self) -> TokenStream {
+        let (krate, rows) = (&self.krate, self.nested_item(&quote!(ROWS)));
+        let changes: Vec<_> =
+            self.changes().map(|(name, change)| quote!((#name, #change))).collect();
+        let checks = self.changes().enumerate().map(|(i, (name, _))| {
+            let check = quote!(#krate::check_change(#rows, &[#(#changes),*], #i));
+            respan(name.span(), quote!(const _: () = #check;))
+        });
+        quote!(#(#checks)*)
     }
 
     /// The row of a variable.
@@ -336,6 +378,33 @@ impl Field {
             fixed(full, reference)
         });
         all.into_iter().chain(single).collect()
+    }
+}
+
+/// The start value of a variable whose type is known to the compiler only.
+fn start_change(value: &Expression) -> TokenStream {
+    let (innermost, depth) = value.innermost();
+    let slice = |value: TokenStream| match depth {
+        0 => quote!(&[#value]),
+        _ => {
+            let flatten = (1..depth).map(|_| quote!(.as_flattened()));
+            quote!({ const { &#value } #(#flatten)* })
+        }
+    };
+    match &innermost.form {
+        Form::Literal(Lit::Bool(_)) => {
+            let values = slice(value.authored());
+            quote!(Booleans(#values))
+        }
+        Form::Literal(Lit::Str(_)) => {
+            let values = slice(value.authored());
+            quote!(Texts(#values))
+        }
+        _ => {
+            let (numbers, real) = (slice(value.real()), innermost.real());
+            let whole = if depth == 0 { quote!(&[#real as i32]) } else { quote!(&[]) };
+            quote!(Numbers(#numbers, #whole))
+        }
     }
 }
 

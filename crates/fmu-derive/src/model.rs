@@ -323,6 +323,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let (saves, loads) = (serialized.clone().map(Field::save), serialized.clone().map(Field::load));
     let layouts = serialized.map(Field::state_layout);
     let checks = checks(input, fields, krate);
+    let change_checks = fields.iter().map(Field::change_checks);
     let result = quote!(::core::result::Result<(), #krate::StateError>);
     let done = quote!(::core::result::Result::Ok(()));
     let (generics, arguments, condition) = input.generics.split_for_impl();
@@ -351,6 +352,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
         }
 
         #checks
+        #(#change_checks)*
     }
 }
 
