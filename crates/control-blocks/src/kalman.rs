@@ -34,7 +34,7 @@ use crate::state_space::{matrix, rows};
 /// for y in [1.0, 3.0, 5.0] {
 ///     filter.update([0.0], [y])?;
 /// }
-/// assert!((filter.state()[0] - 3.0).abs() < 1e-6);
+/// assert!((filter.x[0] - 3.0).abs() < 1e-6);
 /// # Ok::<(), control_blocks::NotPositiveDefinite>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,20 +73,14 @@ pub struct Kalman<const N: usize, const M: usize, const P: usize> {
     #[cfg_attr(feature = "serde", serde(with = "crate::arrays"))]
     #[cfg_attr(feature = "fmi", parameter(start = identity()))]
     pub p0: [[f64; N]; N],
-    /// State: the estimate; none before the first sample.
-    pub estimate: Option<Estimate<N>>,
-}
-
-/// An estimate of the state of a system, by a [`Kalman`] filter.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Estimate<const N: usize> {
-    /// The state.
+    /// State: the estimate of the state of the system.
     #[cfg_attr(feature = "serde", serde(with = "crate::arrays"))]
     pub x: [f64; N],
-    /// Its covariance.
+    /// State: the covariance of the estimate.
     #[cfg_attr(feature = "serde", serde(with = "crate::arrays"))]
     pub covariance: [[f64; N]; N],
+    /// State: whether there was a sample, after which `x0` and `p0` have no influence.
+    pub has_started: bool,
 }
 
 /// The identity matrix.
@@ -109,7 +103,9 @@ impl<const N: usize, const M: usize, const P: usize> Default for Kalman<N, M, P>
             r: identity(),
             x0: [0.0; N],
             p0: identity(),
-            estimate: None,
+            x: [0.0; N],
+            covariance: identity(),
+            has_started: false,
         }
     }
 }
@@ -121,7 +117,7 @@ impl<const N: usize, const M: usize, const P: usize> Kalman<N, M, P> {
     /// # Errors
     /// As [`correct`](Self::correct).
     pub fn update(&mut self, u: [f64; M], y: [f64; P]) -> Result<[f64; N], NotPositiveDefinite> {
-        if self.estimate.is_some() {
+        if self.has_started {
             self.predict(u);
         }
         self.correct(y)
@@ -132,7 +128,7 @@ impl<const N: usize, const M: usize, const P: usize> Kalman<N, M, P> {
     /// # Errors
     /// C V C' + R is not positive definite; then nothing changes.
     pub fn correct(&mut self, y: [f64; P]) -> Result<[f64; N], NotPositiveDefinite> {
-        let (x, v) = self.present();
+        let (x, v) = self.start();
         let (c, r) = (matrix(&self.c), matrix(&self.r));
         let innovation = c * v * c.transpose() + r;
         let factor = innovation.cholesky().ok_or(NotPositiveDefinite)?;
@@ -144,35 +140,28 @@ impl<const N: usize, const M: usize, const P: usize> Kalman<N, M, P> {
 
     /// The estimate for the next sample, if the system has the inputs `u` until then.
     pub fn predict(&mut self, u: [f64; M]) -> [f64; N] {
-        let ((x, v), a) = (self.present(), matrix(&self.a));
+        let ((x, v), a) = (self.start(), matrix(&self.a));
         let x = a * x + matrix(&self.b) * SVector::from(u);
         self.set(x, a * v * a.transpose() + matrix(&self.q))
     }
 
-    /// The estimate of the state.
-    pub fn state(&self) -> [f64; N] {
-        self.estimate.map_or(self.x0, |estimate| estimate.x)
-    }
-
-    /// The covariance of the estimate.
-    pub fn covariance(&self) -> [[f64; N]; N] {
-        self.estimate.map_or(self.p0, |estimate| estimate.covariance)
-    }
-
     /// Forgets all samples; parameters stay.
     pub fn reset(&mut self) {
-        self.estimate = None;
+        self.has_started = false;
     }
 
-    fn present(&self) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
-        (self.state().into(), matrix(&self.covariance()))
+    /// The present estimate and its covariance.
+    fn start(&mut self) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
+        if !self.has_started {
+            (self.x, self.covariance, self.has_started) = (self.x0, self.p0, true);
+        }
+        (self.x.into(), matrix(&self.covariance))
     }
 
     /// Sets the estimate, with a covariance that is symmetric in spite of rounding.
     fn set(&mut self, x: SVector<f64, N>, v: SMatrix<f64, N, N>) -> [f64; N] {
-        let covariance = rows(&((v + v.transpose()) * 0.5));
-        self.estimate = Some(Estimate { x: x.into(), covariance });
-        self.state()
+        (self.x, self.covariance) = (x.into(), rows(&((v + v.transpose()) * 0.5)));
+        self.x
     }
 }
 

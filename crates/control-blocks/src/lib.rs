@@ -42,9 +42,11 @@
 //! # Features
 //!
 //! - `fmi`: each block derives `Variables`, so that a model includes it by `#[nested]`: its parameters become parameters
-//!   of the FMU, and its state is saved with the state of the FMU. It includes `serde`, with which a block can also be a
-//!   field without attribute, whose parameters the model sets.
+//!   of the FMU, and its state is saved with the state of the FMU.
+//! - `serde`: each block can be saved, so that it can also be a field of a model without attribute, whose parameters
+//!   are no variables of the FMU.
 //! - `std` (default): calibration files.
+//! - `matrices` (default): [`StateSpace`] and [`Kalman`], for which `nalgebra` is compiled.
 //!
 //! # Other crates
 //!
@@ -64,22 +66,26 @@ mod arrays;
 #[cfg(feature = "std")]
 mod calibration;
 mod filter;
+#[cfg(feature = "matrices")]
 mod kalman;
 mod limits;
 mod moving_average;
 mod pid;
 mod source;
+#[cfg(feature = "matrices")]
 mod state_space;
 mod table;
 
 #[cfg(feature = "std")]
 pub use calibration::CalibrationError;
 pub use filter::{FirstOrder, HighPass, LeadLag, SecondOrder};
-pub use kalman::{Estimate, Kalman, NotPositiveDefinite};
+#[cfg(feature = "matrices")]
+pub use kalman::{Kalman, NotPositiveDefinite};
 pub use limits::{DeadZone, Hysteresis, RateLimiter, Saturation};
 pub use moving_average::MovingAverage;
-pub use pid::{Pid, PidStep};
+pub use pid::Pid;
 pub use source::{Chirp, Prbs, Ramp, Sine, Square, Step};
+#[cfg(feature = "matrices")]
 pub use state_space::StateSpace;
 pub use table::{AxisError, Extrapolation, Table1, Table2};
 

@@ -75,7 +75,7 @@ impl Default for RateLimiter {
 impl RateLimiter {
     /// The output after a step of `dt` (s).
     pub fn update(&mut self, u: f64, dt: f64) -> f64 {
-        self.y += crate::clip(u - self.y, -self.falling * dt, self.rising * dt);
+        self.y = crate::clip(u, self.y - self.falling * dt, self.y + self.rising * dt);
         self.y
     }
 

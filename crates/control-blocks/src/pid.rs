@@ -71,24 +71,8 @@ pub struct Pid {
     pub integral: f64,
     /// State: the derivative part of the output.
     pub derivative: f64,
-    /// State: the last step; none before the first.
-    pub last: Option<PidStep>,
-}
-
-/// What the next step of a [`Pid`] compares with.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct PidStep {
-    /// Set-point.
-    pub r: f64,
-    /// Measured value.
-    pub y: f64,
-    /// Output that the integral takes for granted.
-    pub u: f64,
-    /// Proportional gain.
-    pub kp: f64,
-    /// Weight of the set-point.
-    pub b: f64,
+    /// State: set-point, measured value, unlimited output, kp and b of the last step; none before the first.
+    pub last: Option<[f64; 5]>,
 }
 
 impl Default for Pid {
@@ -116,7 +100,7 @@ impl Pid {
         let proportional = self.advance(r, y, dt);
         let unlimited = proportional + self.integral + self.derivative;
         let u = crate::clip(unlimited, self.u_min, self.u_max);
-        self.remember(r, y, unlimited);
+        self.last = Some([r, y, unlimited, self.kp, self.b]);
         self.back_calculate(u, dt);
         self.integral += self.ki * (r - y) * dt;
         u
@@ -128,14 +112,14 @@ impl Pid {
         let proportional = self.advance(r, y, dt);
         let u = crate::clip(u, self.u_min, self.u_max);
         self.integral = u - proportional - self.derivative;
-        self.remember(r, y, u);
+        self.last = Some([r, y, u, self.kp, self.b]);
         u
     }
 
     /// Reduces windup behind the controller: tells it the value that was `applied` in place of the last output, with
     /// the step `dt` (s) of the update.
     pub fn back_calculate(&mut self, applied: f64, dt: f64) {
-        let Some(last) = &mut self.last else { return };
+        let Some([_, _, last, _, _]) = &mut self.last else { return };
         if self.ki != 0.0 {
             let tracking_time = match self.tt {
                 0.0 if self.kd != 0.0 => libm::sqrt((self.kd / self.ki).abs()),
@@ -143,9 +127,9 @@ impl Pid {
                 tt => tt,
             };
             // At most the whole difference: more would oscillate.
-            self.integral += (applied - last.u) * (dt / tracking_time.max(dt));
+            self.integral += (applied - *last) * (dt / tracking_time.max(dt));
         }
-        last.u = applied;
+        *last = applied;
     }
 
     /// Forgets all steps; parameters stay.
@@ -156,16 +140,12 @@ impl Pid {
     /// Advances the derivative, and returns the proportional part.
     fn advance(&mut self, r: f64, y: f64, dt: f64) -> f64 {
         let Self { kp, ki, kd, tf, b, c, .. } = *self;
-        let last = self.last.unwrap_or(PidStep { r, y, u: 0.0, kp, b });
-        let change = c * (r - last.r) - (y - last.y);
+        let [last_r, last_y, _, last_kp, last_b] = self.last.unwrap_or([r, y, 0.0, kp, b]);
+        let change = c * (r - last_r) - (y - last_y);
         self.derivative = (tf * self.derivative + kd * change) / (tf + dt);
-        if ki != 0.0 && (kp, b) != (last.kp, last.b) {
-            self.integral += last.kp * (last.b * r - y) - kp * (b * r - y);
+        if ki != 0.0 && (kp, b) != (last_kp, last_b) {
+            self.integral += last_kp * (last_b * r - y) - kp * (b * r - y);
         }
         kp * (b * r - y)
-    }
-
-    fn remember(&mut self, r: f64, y: f64, u: f64) {
-        self.last = Some(PidStep { r, y, u, kp: self.kp, b: self.b });
     }
 }

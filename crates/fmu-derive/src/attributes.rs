@@ -231,9 +231,14 @@ impl Options {
                 };
                 format!("not an option of `{name}`; {expected}")
             };
-            attribute.parse_nested_meta(|meta| match found {
-                Nested if meta.input.peek(token::Paren) => options.read_variable(&meta),
-                _ => options.read(&meta, &known, &unknown),
+            attribute.parse_nested_meta(|meta| {
+                let is_option = names.iter().any(|name| meta.path.is_ident(name));
+                match found {
+                    Nested if !is_option && meta.input.peek(token::Paren) => {
+                        options.read_variable(&meta)
+                    }
+                    _ => options.read(&meta, &known, &unknown),
+                }
             })?;
         }
         Ok((found, options))
