@@ -32,6 +32,8 @@ pub struct Interface {
     pub is_unserialized: bool,
     /// How the names of variables are written.
     pub naming: Naming,
+    /// The version or the code of the package, if it is part of the identity; empty otherwise.
+    pub revision: &'static str,
     /// Stop time and communication step size (s) of the default experiment.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
@@ -48,6 +50,14 @@ impl Interface {
     /// With the naming convention that the exporter chooses; see [`Naming::chosen`].
     pub const fn named(self, chosen: Option<&str>, of_model: Option<Naming>) -> Self {
         Self { naming: Naming::chosen(chosen, of_model), ..self }
+    }
+
+    /// With the revision that the exporter adds to the identity, if any.
+    pub const fn revised(self, revision: Option<&'static str>) -> Self {
+        match revision {
+            Some(revision) => Self { revision, ..self },
+            None => self,
+        }
     }
 }
 
@@ -212,6 +222,9 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
         Hash::new().text(interface.name).bytes(&[interface.is_sampled as u8, has_equations as u8]);
     if matches!(interface.naming, Naming::Flat) {
         hash = hash.text(interface.naming.as_str());
+    }
+    if !interface.revision.is_empty() {
+        hash = hash.text("revision").text(interface.revision);
     }
     each!(scalar in interface.scalars => { hash = identify(scalar, hash); });
     let mut overrides = interface.overrides;

@@ -24,6 +24,7 @@ use crate::binary::{BinarySource, PlatformBinary, check_functions, drop_replaced
 use crate::cargo::{self, BuildProgress, profile_settings, remap};
 use crate::contents;
 use crate::exports::{self, Exported};
+use crate::guid::GuidBasis;
 use crate::library::{ModelLibrary, Selection};
 use crate::missing::Missing;
 use crate::model::{self, BuiltModel, Variant};
@@ -46,6 +47,10 @@ pub struct ExportOptions {
     /// [default: as the package says, or structured]
     #[arg(long, value_name = "CONVENTION", value_parser = naming())]
     pub naming: Option<Naming>,
+    /// What the GUID follows from besides the interface of the model, for tools that cache by it [default: as the
+    /// package says, or interface]
+    #[arg(long, value_name = "BASIS", value_enum, hide_default_value = true)]
+    pub guid: Option<GuidBasis>,
     /// Leave out variables of types that FMI 2.0 lacks, instead of refusing the model
     #[arg(long)]
     pub omit_unsupported: bool,
@@ -363,7 +368,13 @@ impl<'a> Builder<'a> {
             (None, of_package) => of_package.map(|naming| format!("package:{}", naming.as_str())),
         };
         let variant = variant.map(str::to_owned);
-        for (name, value) in [("FMU_EXPORT_VARIANT", variant), ("FMU_EXPORT_NAMING", naming)] {
+        let basis = self.options.guid.unwrap_or(library.guid);
+        let revision = basis.revision(&library.package, self.metadata)?;
+        for (name, value) in [
+            ("FMU_EXPORT_VARIANT", variant),
+            ("FMU_EXPORT_NAMING", naming),
+            ("FMU_EXPORT_REVISION", revision),
+        ] {
             match value {
                 Some(value) => build.env(name, &value),
                 None => build.without_env(name),

@@ -10,6 +10,7 @@ use fmu_description::{FmiVersion, Naming, Origin};
 
 use crate::cargo::RELEASE;
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
+use crate::guid::GuidBasis;
 
 /// Which packages to build, and how; the options mean the same as cargo's.
 #[derive(Debug, Clone, Default, Args)]
@@ -48,6 +49,8 @@ pub struct ModelLibrary {
     pub origin: Origin,
     /// How the names of variables are written, if the package says so.
     pub naming: Option<Naming>,
+    /// What the GUID follows from.
+    pub guid: GuidBasis,
     /// The file of `license-file`.
     pub license_file: Option<PathBuf>,
     /// The name of the crate `fmu-export` in its manifest.
@@ -156,6 +159,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<ModelLibrary> {
         folder: folder.context("a manifest has a folder")?.into(),
         origin: origin(package),
         naming: naming(package)?,
+        guid: GuidBasis::of_package(package)?,
         license_file: package.license_file().map(Into::into),
         dependency: renamed.unwrap_or_else(|| FMU_EXPORT.to_owned()),
     })

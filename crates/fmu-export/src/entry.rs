@@ -56,6 +56,7 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         is_single_instance: M::IS_SINGLE_INSTANCE,
         is_unserialized: M::IS_UNSERIALIZED || M::IS_SINGLE_INSTANCE,
         naming: Naming::chosen(None, M::NAMING),
+        revision: "",
         default_experiment: M::DEFAULT_EXPERIMENT,
         tolerance: M::TOLERANCE,
         scalars,

@@ -168,7 +168,8 @@ macro_rules! export {
             const INTERFACE: $crate::derive::Interface = $crate::exported::interface::<Exported, SIZE>(
                 option_env!("FMU_EXPORT_VARIANT"),
                 option_env!("FMU_EXPORT_NAMING"),
-            );
+            )
+            .revised(option_env!("FMU_EXPORT_REVISION"));
             #[used]
             static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
                 $crate::embedded::write(&INTERFACE);

@@ -428,6 +428,8 @@ fn the_guid_changes_with_the_interface_only() {
     for change in [
         |_, interface| interface.is_sampled = false,
         |_, interface| interface.name = "Other",
+        |_, interface| interface.revision = "1.0.0",
+        |_, interface| interface.revision = "1.0.1",
         |_, interface| interface.scalars = &[],
         |field, _| field.name = "other",
         |field, _| field.history = RENAMED_ONCE,
