@@ -305,7 +305,7 @@ impl XmlWriter<'_> {
 }
 
 /// A value as the text of an attribute: numbers without an exponent.
-fn text(value: &Value) -> String {
+pub(crate) fn text(value: &Value) -> String {
     match value {
         Value::Float32(value) => value.to_string(),
         Value::Float64(value) => value.to_string(),

@@ -11,6 +11,8 @@
 //! `xml::parse` returns a tree of elements, and `ModelDescription` is a typed view of it.
 #![deny(unsafe_code)]
 
+#[cfg(feature = "xml")]
+pub mod changes;
 #[cfg(feature = "table")]
 mod change;
 #[cfg(feature = "table")]

@@ -17,7 +17,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use session::Session;
 
 use commands::{
-    compare, completions, export, info, merge, new, run, simulate, ssp, sweep, validate,
+    compare, completions, diff, export, info, merge, new, run, simulate, ssp, sweep, validate,
 };
 
 /// Write, build, inspect, merge, check, simulate and sweep FMUs
@@ -107,6 +107,15 @@ Examples:
       --hold controller.u --plot target/both.html"
     )]
     Compare(compare::CompareArgs),
+    /// Show what importers have to change from one FMU to another
+    #[command(
+        after_help = "Exit code: 0 if all that works with the old FMU works with the new one, 1 if names
+break, value references move or results may change, 2 if an FMU cannot be read.
+
+Example:
+  cargo fmu diff released/Pid.fmu target/fmu/Pid.fmu"
+    )]
+    Diff(diff::DiffArgs),
     /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
     #[command(
         after_help = "A package cannot specify the order of stepping; most tools step all components
@@ -189,6 +198,16 @@ fn execute(command: Command) -> Result<ExitCode> {
         Command::Run(args) => return run::run(args, out),
         Command::Sweep(args) => return sweep::run(&args, out),
         Command::Compare(args) => return until_interrupted(|| compare::run(&args, out)).map(code),
+        Command::Diff(args) => {
+            let compared = until_interrupted(|| diff::run(&args, out)).map(code);
+            return compared.or_else(|error| match is_broken_pipe(&error) {
+                true => Err(error),
+                false => {
+                    ui::error(&error);
+                    Ok(ExitCode::from(2))
+                }
+            });
+        }
         Command::Ssp(args) => until_interrupted(|| ssp::run(&args, out))?,
         Command::Completions { shell } => {
             out.write_all(&completions::script(shell, Cli::command()))?;

@@ -98,7 +98,7 @@ pub fn run(args: &InfoArgs, out: &mut impl Write) -> Result<()> {
 }
 
 /// Opens an FMU and reads its model description.
-fn inspect<R>(
+pub(super) fn inspect<R>(
     file: &Path,
     read: impl FnOnce(&ModelDescription<'_>, &mut Archive) -> Result<R>,
 ) -> Result<R> {

@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod completions;
+pub mod diff;
 pub mod export;
 mod files;
 pub mod info;
