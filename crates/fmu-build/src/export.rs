@@ -47,9 +47,9 @@ pub struct ExportOptions {
     /// [default: as the package says, or structured]
     #[arg(long, value_name = "CONVENTION", value_parser = naming())]
     pub naming: Option<Naming>,
-    /// What the GUID follows from besides the interface of the model, for tools that cache by it [default: as the
-    /// package says, or interface]
-    #[arg(long, value_name = "BASIS", value_enum, hide_default_value = true)]
+    /// What the GUID follows from, for tools that cache by it: only the interface of the model, also the version of
+    /// the package, or also its code [default: as the package says, or interface]
+    #[arg(long, value_name = "interface|version|code", value_enum, hide_possible_values = true)]
     pub guid: Option<GuidBasis>,
     /// Leave out variables of types that FMI 2.0 lacks, instead of refusing the model
     #[arg(long)]
