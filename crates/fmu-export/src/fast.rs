@@ -509,7 +509,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     #[inline(always)]
     pub(crate) fn get_scalars(
         &mut self,
-        places: &'static [Float64Place],
+        places: &'static [Float64Place; N],
         references: &[u32],
         values: &mut [f64],
     ) -> bool {
@@ -533,7 +533,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     #[inline(always)]
     pub(crate) fn set_scalars(
         &mut self,
-        places: &'static [Float64Place],
+        places: &'static [Float64Place; N],
         references: &[u32],
         values: &[f64],
     ) -> bool {

@@ -11,9 +11,7 @@ use crate::deprecated;
 use crate::equations::ModelEquations;
 use crate::error::ModelError;
 use crate::large;
-use crate::layout::{
-    self, Extent, Float64Place, ModelInfo, Tables, VariableList, copy_fields, table,
-};
+use crate::layout::{self, Extent, Float64Place, ModelInfo, Tables, VariableList, copy_fields};
 use crate::model::{Behavior, Model};
 use crate::snapshot;
 
@@ -62,16 +60,12 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.has_structural_parameters;
-    /// Whether the model has no tables of places.
+    /// Whether the tables of places are empty.
     pub(crate) const IS_LARGE: bool = layout::is_large::<M>();
-    pub(crate) const ELEMENTS: &'static [Float64Place] =
-        table(Self::IS_LARGE, &const { Self::TABLES.elements });
-    pub(crate) const SCALARS: &'static [Float64Place] =
-        table(Self::IS_LARGE, &const { Self::TABLES.scalars });
-    pub(crate) const VARIABLES: &'static [Float64Place] =
-        table(Self::IS_LARGE, &const { Self::TABLES.variables });
-    pub(crate) const ARRAYS: &'static [Extent] =
-        table(Self::IS_LARGE, &const { Self::TABLES.arrays });
+    pub(crate) const ELEMENTS: &'static [Float64Place; N] = &const { Self::TABLES.elements };
+    pub(crate) const SCALARS: &'static [Float64Place; N] = &const { Self::TABLES.scalars };
+    pub(crate) const VARIABLES: &'static [Float64Place; N] = &const { Self::TABLES.variables };
+    pub(crate) const ARRAYS: &'static [Extent; N] = &const { Self::TABLES.arrays };
 
     pub(crate) fn with_model(model: M, naming: Naming) -> Self {
         Self { model, has_fewer_elements: false, naming }

@@ -305,11 +305,6 @@ impl<const N: usize> Tables<N> {
     }
 }
 
-/// A table by value reference, unless the model is too large for it; a slice that keeps no array in the binary then.
-pub(crate) const fn table<T, const N: usize>(is_large: bool, all: &'static [T; N]) -> &'static [T] {
-    if is_large { &[] } else { all }
-}
-
 /// Whether a new value of a variable is an event: of a discrete input or a tunable parameter.
 const fn is_switch(field: &Declaration) -> bool {
     match field.causality {

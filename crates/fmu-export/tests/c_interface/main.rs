@@ -13,6 +13,7 @@ mod exchange;
 mod fmu;
 mod instances;
 mod integration;
+mod large;
 mod log;
 mod models;
 mod ramps;
