@@ -115,6 +115,8 @@ def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> N
     (package / "src" / "lib.rs").write_text("#![allow(dead_code)]\n" + "".join(modules))
     with (package / "Cargo.toml").open("a") as manifest:
         manifest.write('[features]\ndefault = ["fmi"]\nfmi = []\n')
+        crate = ROOT / "crates" / "control-blocks"
+        manifest.write(f'[dependencies.control-blocks]\npath = "{crate}"\nfeatures = ["fmi"]\n')
     shell("cargo test", package)
 
 
