@@ -123,6 +123,12 @@ def equations(fmus: Path, export: Callable[..., Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
+def blocks(fmus: Path, export: Callable[..., Path]) -> Path:
+    """Export the examples of controllers made of blocks for both versions; return their folder."""
+    return export(SENSOR.parent, "--package", "blocks", "--fmi", "2.0,3.0")
+
+
+@pytest.fixture(scope="session")
 def program(fmus: Path) -> Path:
     """Return the program with the native master, after exporting the FMUs that its examples use."""
     return PROGRAM
