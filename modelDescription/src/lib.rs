@@ -11,10 +11,10 @@
 //! `xml::parse` returns a tree of elements, and `ModelDescription` is a typed view of it.
 #![deny(unsafe_code)]
 
-#[cfg(feature = "xml")]
-pub mod changes;
 #[cfg(feature = "table")]
 mod change;
+#[cfg(feature = "xml")]
+pub mod changes;
 #[cfg(feature = "table")]
 pub mod checks;
 #[cfg(feature = "table")]
