@@ -1,4 +1,4 @@
-//! `cargo fmu new`: writes a package with a controller, a plant and their closed loop.
+//! `cargo fmu new`: writes a package with a controller, and with a plant and their closed loop.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -20,6 +20,9 @@ pub struct NewArgs {
     /// Name of the package [default: the name of the folder]
     #[arg(long)]
     name: Option<String>,
+    /// Write the controller only, without a plant and a closed loop
+    #[arg(long)]
+    no_plant: bool,
     /// Version of fmu-export, folder with its sources, or URL of its git repository [default: the
     /// version of this program, or the checkout that it was built in]
     #[arg(long, value_name = "VERSION|PATH|URL")]
@@ -35,8 +38,14 @@ const TEMPLATE: [(&str, &str); 7] = [
     ("loop.toml", include_str!("../template/loop.toml")),
     ("README.md", include_str!("../template/README.md")),
     (".gitignore", include_str!("../template/gitignore")),
-    (".github/workflows/fmu.yml", include_str!("../template/fmu.yml")),
+    (WORKFLOW, include_str!("../template/fmu.yml")),
 ];
+
+/// The files with the plant.
+const PLANT: [&str; 2] = ["src/plant.rs", "loop.toml"];
+
+/// The test of a controller without a plant.
+const TEST_ALONE: &str = include_str!("../template/test_alone.rs");
 
 /// Names that the template uses for something else.
 const TAKEN: [&str; 7] =
@@ -57,22 +66,32 @@ pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
         fs::symlink_metadata(&folder).is_err(),
         "{shown} exists; expected the name of a new folder"
     );
-    let package =
-        Package { name, model: &model, dependency: args.fmu_export.clone().unwrap_or_default() };
-    if let Err(error) = package.create(&folder) {
+    let dependency = args.fmu_export.clone().unwrap_or_default();
+    let package = Package { name, model: &model, dependency, has_plant: !args.no_plant };
+    let created = package.create(&folder).map_err(|error| {
         let _ = fs::remove_dir_all(&folder);
-        return Err(error.context(format!("cannot create the package {name}")));
-    }
+        error.context(format!("cannot create the package {name}"))
+    });
+    let has_workflow = created?;
+    let (models, simulate) = match package.has_plant {
+        true => (format!("models {model} and {model}Plant"), "cargo fmu simulate loop.toml".into()),
+        false => (format!("model {model}"), format!("cargo fmu run {model}")),
+    };
     writeln!(
         out,
-        "wrote the package {name} with the models {model} and {model}Plant; next:
+        "wrote the package {name} with the {models}; next:
 
   cd {shown}
   cargo test
   cargo fmu export
-  cargo fmu simulate loop.toml"
+  {simulate}"
     )?;
-    if let Some(caution) = package.dependency.caution() {
+    if !has_workflow {
+        let note = "no workflow was written, because GitHub reads .github at the root of a repository only";
+        writeln!(out, "\n{note}")?;
+    }
+    let is_found = !has_workflow && matches!(package.dependency, Dependency::Folder(_));
+    if let Some(caution) = package.dependency.caution().filter(|_| !is_found) {
         writeln!(out, "\n{caution}")?;
     }
     Ok(())
@@ -99,11 +118,18 @@ struct Package<'a> {
     name: &'a str,
     model: &'a str,
     dependency: Dependency,
+    has_plant: bool,
 }
 
+/// The workflow, which GitHub reads at the root of a repository.
+const WORKFLOW: &str = ".github/workflows/fmu.yml";
+
 impl Package<'_> {
-    /// Writes the package to a new folder.
-    fn create(&self, folder: &Path) -> Result<()> {
+    /// Writes the package to a new folder. Returns whether it has a workflow, which the folder of a package within a
+    /// repository has not.
+    fn create(&self, folder: &Path) -> Result<bool> {
+        let mut parents = folder.ancestors().skip(1);
+        let is_in_repository = parents.any(|parent| parent.join(".git").exists());
         // Cargo also checks the name, adds the package to a workspace, and starts a git repository.
         let new = ["new", "--quiet", "--lib", "--name", self.name];
         output(cargo().args(new).arg(folder))?;
@@ -114,6 +140,7 @@ impl Package<'_> {
         // The path of the folder may lead through `..`.
         let (root, below) = (root.canonicalize()?, folder.canonicalize()?);
         let below = below.strip_prefix(root).map_or(0, |below| below.components().count());
+        let has_workflow = !is_in_repository && below == 0;
         let author = output(Command::new("git").args(["config", "user.name"])).unwrap_or_default();
         let authors = Some(author.trim()).filter(|author| !author.is_empty()).map(quoted);
         let values = [
@@ -125,13 +152,47 @@ impl Package<'_> {
             ("my-controller", self.name),
         ];
         for (file, text) in TEMPLATE {
+            if file == WORKFLOW && !has_workflow || PLANT.contains(&file) && !self.has_plant {
+                continue;
+            }
+            let text = self.selected(text, has_workflow);
+            let text = &*text;
             let path = folder.join(file);
             path.parent()
                 .map_or(Ok(()), fs::create_dir_all)
                 .and_then(|()| fs::write(&path, filled(text, &values)))
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
-        Ok(())
+        Ok(has_workflow)
+    }
+
+    /// A text of the template, without the lines about files that are not written.
+    fn selected(&self, text: &str, has_workflow: bool) -> String {
+        let about_plant = ["plant", "loop.toml", "/loop.csv"];
+        let is_left_out = |line: &str| {
+            line.contains("fmu.yml") && !has_workflow
+                || about_plant.iter().any(|word| line.contains(word)) && !self.has_plant
+        };
+        let text = match self.has_plant {
+            true => text.to_owned(),
+            false => text
+                .replace("mod plant;\n\n", "")
+                .replace("export!(MyController, plant::Plant);", "export!(MyController);")
+                .replace(
+                    "A controller and a plant as FMUs. They need",
+                    "A controller as an FMU. It needs",
+                )
+                .replace(
+                    "is the controller, [`src/plant.rs`](src/plant.rs) the plant.",
+                    "is the controller.",
+                ),
+        };
+        // The only test of the template is its last item.
+        let text = match text.split_once("    #[test]\n") {
+            Some((before, _)) if !self.has_plant => format!("{before}{TEST_ALONE}}}\n"),
+            _ => text,
+        };
+        text.split_inclusive('\n').filter(|line| !is_left_out(line)).collect()
     }
 }
 
