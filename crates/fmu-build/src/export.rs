@@ -43,7 +43,7 @@ pub struct ExportOptions {
     /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
     #[arg(long = "fmi", value_name = "VERSION", value_delimiter = ',', default_value = "2.0", value_parser = version())]
     pub versions: Vec<FmiVersion>,
-    /// Names of variables: structured as pid.kp and w[1], or flat as pid_kp and w_1, for tools such as Simulink
+    /// Names of variables: structured as pid.kp, or flat as pid_kp for tools such as Simulink
     /// [default: as the package says, or structured]
     #[arg(long, value_name = "CONVENTION", value_parser = naming())]
     pub naming: Option<Naming>,

@@ -118,7 +118,7 @@ fn number(number: f64) -> Value {
     value(&Start::Float64(number))
 }
 
-/// As [`number`].
+/// As `number`.
 pub fn value(value: &Start) -> Value {
     match (value, value.as_whole(), value.as_real()) {
         (Start::Boolean(value), ..) => json!(value),
