@@ -268,7 +268,10 @@ def test_all_attributes_are_listed() -> None:
     assert len(options) > 15
     for text in (page, own["variables"]):
         attributes = {cell[0] for cell in column(text, "Attribute") if cell}
-        assert attributes == {*roles.values(), re.findall(r'"(\w+)"', code.split("const FRESH")[1])[0]}
+        assert attributes == {
+            *roles.values(),
+            re.findall(r'"(\w+)"', code.split("const FRESH")[1])[0],
+        }
         assert flat(column(text, "Option")) <= options.keys()
         assert all(re.search(rf"[`(]{name}\b", text) for name in options)
 
