@@ -230,3 +230,42 @@ def test_warnings_of_the_compiler_are_shown(changed, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stderr.startswith("building own ...\nwarning: function `forgotten` is never used")
     assert [file.name for file in tmp_path.iterdir()] == ["Own.fmu"]
+
+
+# --- C code with global variables -----------------------------------------------------------------
+
+
+@pytest.fixture
+def heater(tmp_path: Path) -> Path:
+    """Return a copy of a package with a controller in C."""
+    package = tmp_path / "heater"
+    shutil.copytree(ROOT / "tests" / "data" / "heater", package)
+    manifest = package / "Cargo.toml"
+    manifest.write_text(manifest.read_text().replace("[REPOSITORY]", str(ROOT)))
+    return prepare(package)
+
+
+def test_each_instance_has_its_own_global_variables_of_c_code(heater: Path) -> None:
+    """The validator compares instances, threads, resets, saved and serialized states."""
+    assert "3 passed" in run("cargo", "test", cwd=heater)
+    run(PROGRAM, "export", "--out", "fmus", cwd=heater)
+    checked = run(PROGRAM, "validate", "fmus/Heater.fmu", cwd=heater)
+    assert checked.endswith("no error, no warning\n")
+    fmu = read(heater / "fmus" / "Heater.fmu")
+    assert b'canSerializeFMUstate="true"' in fmu["modelDescription.xml"]
+
+
+def test_c_code_that_cannot_be_isolated_is_refused(heater: Path) -> None:
+    source = heater / "c" / "heater_data.c"
+    text = source.read_text()
+    for code, message in (
+        (
+            "#include <stdlib.h>\nvoid *block(void) { return malloc(8); }",
+            "heater_data.c calls malloc",
+        ),
+        ("_Thread_local int own = 1;", "heater_data.c: it has thread-local variables"),
+    ):
+        source.write_text(text + code)
+        result = call(["cargo", "check"], heater)
+        assert result.returncode != 0
+        assert message in result.stderr

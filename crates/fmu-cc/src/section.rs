@@ -27,12 +27,12 @@ impl Section {
         let name = match format {
             // A C identifier, so that the linker defines where it starts and stops.
             Format::Elf => format!("fmu_globals_{library}"),
-            // With a `$` and a letter, as long as a name in COFF can be.
+            // With a `$` and a letter, the 8 characters that a name in COFF can have.
             Format::Coff => {
                 let hash = library.bytes().fold(0x811c_9dc5_u32, |hash, byte| {
                     (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
                 });
-                format!(".g{:05x}", hash >> 12)
+                format!(".g{:04x}", hash >> 16)
             }
         };
         Self { format, library: library.to_owned(), name }
@@ -125,6 +125,8 @@ impl Section {
             return None;
         }
         let count = usize::from(header.number_of_sections.get(LE));
+        let symbols = header.number_of_symbols.get(LE) as usize * pe::IMAGE_SIZEOF_SYMBOL;
+        let strings = header.pointer_to_symbol_table.get(LE) as usize + symbols;
         let table =
             size_of::<ImageFileHeader>() + usize::from(header.size_of_optional_header.get(LE));
         for index in 0..count {
@@ -132,8 +134,16 @@ impl Section {
             let (section, _) = from_bytes::<ImageSectionHeader>(object.get(place..)?).ok()?;
             let mut section = *section;
             let flags = section.characteristics.get(LE);
+            // A name of more than 8 characters is `/` and its place in the table of strings.
+            let place_of_name = std::str::from_utf8(&section.name).ok().and_then(|name| {
+                name.strip_prefix('/')?.trim_end_matches('\0').parse::<usize>().ok()
+            });
+            let name = match place_of_name {
+                Some(place) => object.get(strings + place..)?,
+                None => &section.name,
+            };
             let is_variable = flags & pe::IMAGE_SCN_MEM_WRITE != 0
-                && [&b".data"[..], b".bss"].iter().any(|name| section.name.starts_with(name));
+                && [&b".data"[..], b".bss"].iter().any(|start| name.starts_with(start));
             if !is_variable {
                 continue;
             }
