@@ -1,11 +1,10 @@
 //! What compiled code calls and contains, and whether its variables can be isolated.
 
 use std::collections::HashSet;
+use std::fmt::Display;
 use std::path::Path;
 
 use object::{File, Object, ObjectSection, ObjectSymbol, SectionKind};
-
-use crate::{Memory, at};
 
 /// Functions that return memory or files, which saved states would share with their instance.
 const HEAP: [&str; 17] = [
@@ -34,6 +33,15 @@ const THREADS: [&str; 5] =
     ["pthread_create", "thrd_create", "CreateThread", "_beginthread", "_beginthreadex"];
 /// Functions of variables that each thread has.
 const THREAD_LOCAL: [&str; 2] = ["__tls_get_addr", "__emutls_get_address"];
+
+/// What compiled code may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Memory {
+    /// Its variables are all its memory.
+    Static,
+    /// It allocates memory and opens files, too.
+    Heap,
+}
 
 /// The object files of a library.
 #[derive(Default)]
@@ -119,4 +127,9 @@ impl Code {
     pub fn hash(&self) -> u64 {
         self.hash
     }
+}
+
+/// An error message about a file.
+pub fn at(file: &Path, error: impl Display) -> String {
+    format!("{}: {error}", file.display())
 }

@@ -18,24 +18,14 @@ mod code;
 mod section;
 
 use std::env;
-use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process;
 
 pub use cc;
 
-use crate::code::Code;
+use crate::code::{Code, Memory, at};
 use crate::section::{Format, Section};
-
-/// What compiled code may do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Memory {
-    /// Its variables are all its memory.
-    Static,
-    /// It allocates memory and opens files, too.
-    Heap,
-}
 
 /// Compiles the files of a build to the static library `name`, which is linked to the package, and moves its global
 /// variables to a section of their own. `name` is a C identifier, to which `fmu_export::c_library!` refers.
@@ -119,8 +109,4 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
 
 fn write(file: &Path, contents: &[u8]) -> Result<(), String> {
     fs::write(file, contents).map_err(|error| at(file, error))
-}
-
-fn at(file: &Path, error: impl Display) -> String {
-    format!("{}: {error}", file.display())
 }
