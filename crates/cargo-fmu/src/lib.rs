@@ -4,6 +4,7 @@
 pub mod commands;
 mod plot;
 pub mod session;
+mod template;
 mod ui;
 mod worker;
 
@@ -36,7 +37,7 @@ enum Command {
 workflow that builds FMUs for Linux, Windows and macOS. In a workspace, it
 becomes a member.
 
-Example:\n  cargo fmu new my-controller"
+Examples:\n  cargo fmu new my-controller\n  cargo fmu new my-controller --c"
     )]
     New(new::NewArgs),
     /// Build the models of this workspace into FMUs

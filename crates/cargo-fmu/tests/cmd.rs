@@ -110,6 +110,8 @@ fn stable(text: &str, folder: &Path) -> String {
         (r"/[^ ]*/fmu-[^/]*/", "[UNPACKED]/"),
         (r#" at path "[^"]*""#, ""),
         (r#""[^"]*/crates/fmu-export""#, "\"[CHECKOUT]/crates/fmu-export\""),
+        // The progress of a build that takes long.
+        (r"(?m)^building \w+: .*\n", ""),
         (r"(?m) +$", ""),
     ];
     hidden.iter().fold(text, |text, (pattern, shown)| {

@@ -11,6 +11,7 @@ use clap::Args;
 use fmu_build::dependency::{Dependency, quoted};
 
 use crate::filled;
+use crate::template::{FILES, Part, select};
 
 /// Where to write the package.
 #[derive(Debug, Args)]
@@ -23,29 +24,14 @@ pub struct NewArgs {
     /// Write the controller only, without a plant and a closed loop
     #[arg(long)]
     no_plant: bool,
+    /// Write the controller in C, with a model in Rust around it
+    #[arg(long)]
+    c: bool,
     /// Version of fmu-export, folder with its sources, or URL of its git repository [default: the
     /// version of this program, or the checkout that it was built in]
     #[arg(long, value_name = "VERSION|PATH|URL")]
     fmu_export: Option<Dependency>,
 }
-
-/// The files of the package of a controller named `my-controller`.
-const TEMPLATE: [(&str, &str); 7] = [
-    // Not Cargo.toml, because cargo leaves folders with such a file out of packages.
-    ("Cargo.toml", include_str!("../template/Cargo.toml.in")),
-    ("src/lib.rs", include_str!("../template/lib.rs")),
-    ("src/plant.rs", include_str!("../template/plant.rs")),
-    ("loop.toml", include_str!("../template/loop.toml")),
-    ("README.md", include_str!("../template/README.md")),
-    (".gitignore", include_str!("../template/gitignore")),
-    (WORKFLOW, include_str!("../template/fmu.yml")),
-];
-
-/// The files with the plant.
-const PLANT: [&str; 2] = ["src/plant.rs", "loop.toml"];
-
-/// The test of a controller without a plant.
-const TEST_ALONE: &str = include_str!("../template/test_alone.rs");
 
 /// Names that the template uses for something else.
 const TAKEN: [&str; 7] =
@@ -67,15 +53,20 @@ pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
         "{shown} exists; expected the name of a new folder"
     );
     let dependency = args.fmu_export.clone().unwrap_or_default();
-    let package = Package { name, model: &model, dependency, has_plant: !args.no_plant };
+    let plant = (!args.no_plant).then_some(Part::Plant);
+    let parts = plant.into_iter().chain(args.c.then_some(Part::C)).collect();
+    let mut package = Package { name, model: &model, dependency, parts };
     let created = package.create(&folder).map_err(|error| {
         let _ = fs::remove_dir_all(&folder);
         error.context(format!("cannot create the package {name}"))
     });
-    let has_workflow = created?;
-    let (models, simulate) = match package.has_plant {
-        true => (format!("models {model} and {model}Plant"), "cargo fmu simulate loop.toml".into()),
-        false => (format!("model {model}"), format!("cargo fmu run {model}")),
+    created?;
+    let has_workflow = package.parts.contains(&Part::Workflow);
+    let (models, simulate) = match args.no_plant {
+        false => {
+            (format!("models {model} and {model}Plant"), "cargo fmu simulate loop.toml".into())
+        }
+        true => (format!("model {model}"), format!("cargo fmu run {model}")),
     };
     writeln!(
         out,
@@ -118,16 +109,12 @@ struct Package<'a> {
     name: &'a str,
     model: &'a str,
     dependency: Dependency,
-    has_plant: bool,
+    parts: Vec<Part>,
 }
 
-/// The workflow, which GitHub reads at the root of a repository.
-const WORKFLOW: &str = ".github/workflows/fmu.yml";
-
 impl Package<'_> {
-    /// Writes the package to a new folder. Returns whether it has a workflow, which the folder of a package within a
-    /// repository has not.
-    fn create(&self, folder: &Path) -> Result<bool> {
+    /// Writes the package to a new folder, with a workflow if this is the root of a repository, where GitHub reads it.
+    fn create(&mut self, folder: &Path) -> Result<()> {
         let mut parents = folder.ancestors().skip(1);
         let is_in_repository = parents.any(|parent| parent.join(".git").exists());
         // Cargo also checks the name, adds the package to a workspace, and starts a git repository.
@@ -140,7 +127,9 @@ impl Package<'_> {
         // The path of the folder may lead through `..`.
         let (root, below) = (root.canonicalize()?, folder.canonicalize()?);
         let below = below.strip_prefix(root).map_or(0, |below| below.components().count());
-        let has_workflow = !is_in_repository && below == 0;
+        if !is_in_repository && below == 0 {
+            self.parts.push(Part::Workflow);
+        }
         let author = output(Command::new("git").args(["config", "user.name"])).unwrap_or_default();
         let authors = Some(author.trim()).filter(|author| !author.is_empty()).map(quoted);
         let values = [
@@ -151,48 +140,17 @@ impl Package<'_> {
             ("MyController", self.model),
             ("my-controller", self.name),
         ];
-        for (file, text) in TEMPLATE {
-            if file == WORKFLOW && !has_workflow || PLANT.contains(&file) && !self.has_plant {
+        for (file, part, template) in FILES {
+            if part.is_some_and(|part| !self.parts.contains(&part)) {
                 continue;
             }
-            let text = self.selected(text, has_workflow);
-            let text = &*text;
-            let path = folder.join(file);
+            let (path, text) = (folder.join(file), select(template, &self.parts));
             path.parent()
                 .map_or(Ok(()), fs::create_dir_all)
-                .and_then(|()| fs::write(&path, filled(text, &values)))
+                .and_then(|()| fs::write(&path, filled(&text, &values)))
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
-        Ok(has_workflow)
-    }
-
-    /// A text of the template, without the lines about files that are not written.
-    fn selected(&self, text: &str, has_workflow: bool) -> String {
-        let about_plant = ["plant", "loop.toml", "/loop.csv"];
-        let is_left_out = |line: &str| {
-            line.contains("fmu.yml") && !has_workflow
-                || about_plant.iter().any(|word| line.contains(word)) && !self.has_plant
-        };
-        let text = match self.has_plant {
-            true => text.to_owned(),
-            false => text
-                .replace("mod plant;\n\n", "")
-                .replace("export!(MyController, plant::Plant);", "export!(MyController);")
-                .replace(
-                    "A controller and a plant as FMUs. They need",
-                    "A controller as an FMU. It needs",
-                )
-                .replace(
-                    "is the controller, [`src/plant.rs`](src/plant.rs) the plant.",
-                    "is the controller.",
-                ),
-        };
-        // The only test of the template is its last item.
-        let text = match text.split_once("    #[test]\n") {
-            Some((before, _)) if !self.has_plant => format!("{before}{TEST_ALONE}}}\n"),
-            _ => text,
-        };
-        text.split_inclusive('\n').filter(|line| !is_left_out(line)).collect()
+        Ok(())
     }
 }
 
