@@ -110,6 +110,10 @@ const fn shared_name(
     group: usize,
     other: usize,
 ) -> Option<&'static str> {
+    let (first, second) = (name_of_row(&rows[group]), name_of_row(&rows[other]));
+    if !have_same_start(first.as_bytes(), second.as_bytes()) {
+        return None;
+    }
     let (group, other) = (row(rows, group), row(rows, other));
     let mut i = 0;
     while let Some(scalar) = scalar_at(group, i) {
@@ -119,6 +123,24 @@ const fn shared_name(
         i += scalar.variable.element_count();
     }
     None
+}
+
+/// The name of a variable, or the prefix of a group, with which the full names in the row begin.
+const fn name_of_row(row: &TableRow) -> &'static str {
+    match row {
+        TableRow::Variable(variable) => variable.name,
+        TableRow::Group { prefix, .. } => prefix,
+    }
+}
+
+/// Whether one text begins with the other.
+const fn have_same_start(one: &[u8], other: &[u8]) -> bool {
+    match (one, other) {
+        ([first, one @ ..], [second, other @ ..]) => {
+            *first == *second && have_same_start(one, other)
+        }
+        _ => true,
+    }
 }
 
 /// A single row.
@@ -137,7 +159,7 @@ pub const fn check(scalars: &[ScalarVariable], is_integrated: bool) {
         );
         check_aliases(i, scalars);
         assert!(
-            scalar.position(scalar.variable.name, scalars) == i,
+            scalar.first_of_name(scalars) == i,
             "two variables have the same name"
         );
         if let Some(names) = scalar.variable.initially_from {

@@ -29,14 +29,14 @@ impl Hash {
     }
 
     /// With more bytes.
-    pub const fn bytes(mut self, bytes: &[u8]) -> Self {
-        let mut i = 0;
-        while i < bytes.len() {
-            let mixed = self.0 ^ bytes[i] as u128;
-            self = Self(mixed.wrapping_mul(PRIME));
-            i += 1;
+    pub const fn bytes(self, mut bytes: &[u8]) -> Self {
+        let mut hash = self.0;
+        // A pattern is no call of a function, which takes the compiler long.
+        while let [first, rest @ ..] = bytes {
+            hash = (hash ^ *first as u128).wrapping_mul(PRIME);
+            bytes = rest;
         }
-        self
+        Self(hash)
     }
 
     pub(crate) const fn number(self, number: u64) -> Self {
@@ -46,21 +46,17 @@ impl Hash {
     /// The bytes of a number, so many times. A run of zero bytes only multiplies the hash, which is one step: most numbers
     /// are short, and an array may have so many that the compiler would warn.
     pub(crate) const fn numbers(mut self, number: u64, count: usize) -> Self {
-        // The factor of the zeros before each other byte, and the byte.
-        let (mut bytes, mut length, mut zeros, mut rest) = ([(0, 0); 8], 0, 0, number);
-        let mut left = 8;
-        while left > 0 {
-            match (rest & 0xff) as u128 {
-                0 => zeros += 1,
-                byte => {
-                    bytes[length] = (POWERS[zeros], byte);
-                    (length, zeros) = (length + 1, 0);
-                }
-            }
-            (rest, left) = (rest >> 8, left - 1);
+        if number == 0 {
+            return Self(self.0.wrapping_mul(POWERS[8].wrapping_pow(count as u32)));
         }
-        if length == 0 {
-            return Self(self.0.wrapping_mul(PRIME.wrapping_pow(8).wrapping_pow(count as u32)));
+        // The factor of the zeros before each other byte, and the byte.
+        let (mut bytes, mut length, mut zeros, mut rest, mut left) = ([(0, 0); 8], 0, 8, number, 8);
+        while rest != 0 {
+            zeros = rest.trailing_zeros() as usize / 8;
+            rest >>= 8 * zeros;
+            bytes[length] = (POWERS[zeros], (rest & 0xff) as u128);
+            (length, rest, left) = (length + 1, rest >> 8, left - zeros - 1);
+            zeros = left;
         }
         let mut repeats = 0;
         while repeats < count {

@@ -349,12 +349,12 @@ impl<const N: usize> CopyWriter<N> {
     const fn raw(&mut self, bytes: &[u8]) {
         let end = self.length + bytes.len();
         if end <= N {
-            self.bytes
-                .split_at_mut(self.length)
-                .1
-                .split_at_mut(bytes.len())
-                .0
-                .copy_from_slice(bytes);
+            // Most bytes come in twos and threes, for which calls of functions would take the compiler longer.
+            let mut i = 0;
+            while i < bytes.len() {
+                self.bytes[self.length + i] = bytes[i];
+                i += 1;
+            }
         }
         self.length = end;
     }

@@ -23,6 +23,27 @@ pub struct ScalarVariable {
     pub offset: usize,
     /// How its name is written.
     pub naming: Naming,
+    /// Its part in the index of a list of all variables by their names.
+    index: IndexEntry,
+}
+
+/// A hash table of names that is part of the list of variables: a variable is a slot for the variables whose hashes
+/// are its position modulo the length of the list, and a link in the chain of such variables.
+#[derive(Debug, Clone, Copy)]
+struct IndexEntry {
+    /// Hash of the full name of the variable.
+    hash: u128,
+    /// The first variable in this slot.
+    first: u32,
+    /// The next variable in the slot of the variable.
+    next: u32,
+}
+
+impl IndexEntry {
+    /// The end of a chain.
+    const END: u32 = u32::MAX;
+    /// Of a variable that is in no list.
+    const NONE: Self = Self { hash: 0, first: Self::END, next: Self::END };
 }
 
 impl ScalarVariable {
@@ -62,13 +83,12 @@ impl ScalarVariable {
 
     /// Index of the variable with another name in the same group, in all variables; their number if there is none.
     pub(crate) const fn position(&self, name: &str, all: &[Self]) -> usize {
-        let hash = self.name_hash(name);
-        each!(i, other in all => {
-            if other.name_hash(other.variable.name) == hash {
-                return i;
-            }
-        });
-        all.len()
+        first_named(self.name_hash(name), all)
+    }
+
+    /// Index of the first variable of the same name, in all variables.
+    pub(crate) const fn first_of_name(&self, all: &[Self]) -> usize {
+        first_named(self.index.hash, all)
     }
 
     /// The state of which it is the derivative, in all variables; `None` if it is no derivative.
@@ -128,6 +148,21 @@ impl ScalarVariable {
         each!(size in self.variable.dimensions => { length += 2 + size.ilog10() as usize; });
         length + !self.variable.dimensions.is_empty() as usize
     }
+}
+
+/// Index of the first variable whose full name has a hash, in all variables; their number if there is none.
+pub(crate) const fn first_named(hash: u128, all: &[ScalarVariable]) -> usize {
+    if all.is_empty() {
+        return 0;
+    }
+    let mut i = all[(hash % all.len() as u128) as usize].index.first;
+    while i != IndexEntry::END {
+        if all[i as usize].index.hash == hash {
+            return i as usize;
+        }
+        i = all[i as usize].index.next;
+    }
+    all.len()
 }
 
 /// The parts of a full name, some of which are empty.
@@ -232,16 +267,25 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> ([ScalarVaria
         reference: 0,
         offset: 0,
         naming: Naming::Structured,
+        index: IndexEntry::NONE,
     };
     let (mut all, mut length, mut number) = ([EMPTY; N], 0, 0);
-    list(rows, (EMPTY.prefixes, 0, 0), &mut number, &mut all, &mut length);
+    list(rows, (EMPTY.prefixes, 0, 0, Hash::new()), &mut number, &mut all, &mut length);
+    // The first of several variables of a name is found, since it comes last in the index.
+    let mut i = length;
+    while i > 0 {
+        i -= 1;
+        let slot = (all[i].index.hash % length as u128) as usize;
+        all[i].index.next = all[slot].index.first;
+        all[slot].index.first = i as u32;
+    }
     (all, length)
 }
 
-/// Adds the variables of a group with these prefixes, their number, and this offset.
+/// Adds the variables of a group with these prefixes, their number, this offset, and the hash of the prefixes.
 const fn list(
     rows: &'static [TableRow],
-    (prefixes, depth, offset): ([&'static str; MAX_DEPTH], usize, usize),
+    (prefixes, depth, offset, hash): ([&'static str; MAX_DEPTH], usize, usize, Hash),
     number: &mut usize,
     all: &mut [ScalarVariable],
     length: &mut usize,
@@ -257,12 +301,14 @@ const fn list(
                     reference: *number,
                     offset,
                     naming: Naming::Structured,
+                    index: IndexEntry { hash: hash.bytes(variable.name.as_bytes()).0, ..IndexEntry::NONE },
                 };
                 *length += 1;
                 *number += variable.element_count();
             }
             TableRow::Group { prefix, offset: inner, rows } => {
-                let group = (nested(prefixes, depth, prefix), depth + 1, offset + *inner);
+                let prefixes = nested(prefixes, depth, prefix);
+                let group = (prefixes, depth + 1, offset + *inner, hash.prefix(prefix));
                 list(rows, group, number, all, length);
             }
         }
@@ -308,6 +354,7 @@ const fn scalar_in_group(
                     reference: 0,
                     offset: base,
                     naming: Naming::Structured,
+                    index: IndexEntry::NONE,
                 });
             }
             TableRow::Variable(variable) => *index -= variable.element_count(),
@@ -337,12 +384,30 @@ pub(crate) const fn variable_with_hash(
     rows: &'static [TableRow],
     hash: u128,
 ) -> Option<ScalarVariable> {
-    let mut i = 0;
-    while let Some(scalar) = scalar_at(rows, i) {
-        if scalar.name_hash(scalar.variable.name) == hash {
-            return Some(scalar);
-        }
-        i += scalar.variable.element_count();
+    let mut number = 0;
+    match has_hash(rows, Hash::new(), hash, &mut number) {
+        true => scalar_at(rows, number),
+        false => None,
     }
-    None
+}
+
+/// Whether a variable of a group, whose prefixes have the hash `group`, has a full name of this hash. Adds the scalars
+/// that come before it to the number.
+const fn has_hash(rows: &[TableRow], group: Hash, hash: u128, number: &mut usize) -> bool {
+    each!(row in rows => {
+        match row {
+            TableRow::Variable(variable) => {
+                if group.bytes(variable.name.as_bytes()).0 == hash {
+                    return true;
+                }
+                *number += variable.element_count();
+            }
+            TableRow::Group { prefix, rows, .. } => {
+                if has_hash(rows, group.prefix(prefix), hash, number) {
+                    return true;
+                }
+            }
+        }
+    });
+    false
 }

@@ -91,17 +91,19 @@ impl dyn AnyModel {
     /// The scalar variable with the given value reference.
     pub(crate) fn scalar_at(&self, reference: u32) -> Option<ScalarVariable> {
         let number = self.info().number(reference)?;
-        let scalar = scalar::scalar_at(self.info().rows, number as usize)?;
-        Some(ScalarVariable { reference: reference as usize, naming: self.naming(), ..scalar })
+        let mut scalar = scalar::scalar_at(self.info().rows, number as usize)?;
+        (scalar.reference, scalar.naming) = (reference as usize, self.naming());
+        Some(scalar)
     }
 
     /// All scalar variables, in the order of the fields.
     pub(crate) fn scalars(&self) -> impl Iterator<Item = ScalarVariable> + Clone + use<> {
         let (info, naming) = (self.info(), self.naming());
         (0..info.count).filter_map(move |number| {
-            let scalar = scalar::scalar_at(info.rows, number as usize)?;
+            let mut scalar = scalar::scalar_at(info.rows, number as usize)?;
             let reference = info.reference(number) as usize;
-            Some(ScalarVariable { reference, naming, ..scalar })
+            (scalar.reference, scalar.naming) = (reference, naming);
+            Some(scalar)
         })
     }
 

@@ -4,7 +4,9 @@ use std::any::Any;
 
 use dormand_prince::solver::{self, Advanced, Step, Workspace};
 use fmu_description::table::Declaration;
-use fmu_description::{Causality, Naming, StateError, StateReader, StateWriter};
+use fmu_description::{
+    Causality, Naming, StateError, StateReader, StateWriter, references, scalar,
+};
 
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::deprecated;
@@ -15,7 +17,24 @@ use crate::layout::{self, Extent, Float64Place, ModelInfo, Tables, VariableList,
 use crate::model::{Behavior, Model};
 use crate::snapshot;
 
-/// A model with tables of size `N`, its [`table_size`](layout::table_size).
+/// The number of value references up to which a model has tables of places by value reference. A larger model finds
+/// places by its rows, which is slower, but takes neither time of the compiler nor space in the binary.
+const MAX_PLACES: usize = 10_000;
+
+/// Whether a model has no tables of places.
+const fn is_large<M: Model>() -> bool {
+    references::bound(M::COUNT, M::REFERENCES) > MAX_PLACES
+}
+
+/// The size of the tables of a model: the number of its value references, or of the variables of a large one.
+pub const fn table_size<M: Model>() -> usize {
+    match is_large::<M>() {
+        true => scalar::variable_count(M::ROWS),
+        false => references::bound(M::COUNT, M::REFERENCES),
+    }
+}
+
+/// A model with tables of size `N`, its [`table_size`].
 pub(crate) struct LaidOut<M, const N: usize> {
     pub(crate) model: M,
     /// Whether a variant uses fewer elements of an array than the table.
@@ -61,7 +80,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     pub(crate) const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.has_structural_parameters;
     /// Whether the tables of places are empty.
-    pub(crate) const IS_LARGE: bool = layout::is_large::<M>();
+    pub(crate) const IS_LARGE: bool = is_large::<M>();
     pub(crate) const ELEMENTS: &'static [Float64Place; N] = &const { Self::TABLES.elements };
     pub(crate) const SCALARS: &'static [Float64Place; N] = &const { Self::TABLES.scalars };
     pub(crate) const VARIABLES: &'static [Float64Place; N] = &const { Self::TABLES.variables };

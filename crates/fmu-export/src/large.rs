@@ -2,7 +2,7 @@
 
 use crate::any_model::AnyModel;
 use crate::layout::{Extent, Float64Place, float64_at};
-use fmu_description::scalar::{ScalarVariable, variable_named};
+use fmu_description::scalar::variable_named;
 
 /// What a value reference stands for: a scalar or an element of an array in FMI 2.0, a variable with all its elements
 /// in FMI 3.0.
@@ -99,10 +99,10 @@ struct Block {
 impl Block {
     /// The variable of an element.
     fn at(model: &mut dyn AnyModel, reference: u32) -> Option<Self> {
-        let scalar = model.scalar_at(reference)?;
-        let first = reference - scalar.element as u32;
+        let mut scalar = model.scalar_at(reference)?;
+        let first = reference - std::mem::take(&mut scalar.element) as u32;
         let in_use = model.elements_in_use(first)? as u32;
-        let place = Float64Place::from_row(&ScalarVariable { element: 0, ..scalar });
+        let place = Float64Place::from_row(&scalar);
         Some(Self { first, in_use, place })
     }
 }

@@ -8,7 +8,6 @@ use fmu_description::table::{Bounds, Declaration, TableRow, TypedStart};
 use fmu_description::{Causality, Dynamics, OwnCategory, Value, Variability};
 
 use crate::deprecated::Warn;
-use crate::model::Model;
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
 #[derive(Clone, Copy)]
@@ -119,23 +118,6 @@ impl<T: Copy, const N: usize> BoundedList<T, N> {
             0 => &[],
             length => self.items.split_at(length).0,
         }
-    }
-}
-
-/// The number of value references up to which a model has tables of places by value reference. A larger model finds
-/// places by its rows, which is slower, but takes neither time of the compiler nor space in the binary.
-const MAX_PLACES: usize = 10_000;
-
-/// Whether a model has no tables of places.
-pub(crate) const fn is_large<M: Model>() -> bool {
-    references::bound(M::COUNT, M::REFERENCES) > MAX_PLACES
-}
-
-/// The size of the tables of a model: the number of its value references, or of the variables of a large one.
-pub const fn table_size<M: Model>() -> usize {
-    match is_large::<M>() {
-        true => scalar::variable_count(M::ROWS),
-        false => references::bound(M::COUNT, M::REFERENCES),
     }
 }
 

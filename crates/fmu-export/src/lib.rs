@@ -127,7 +127,7 @@ pub use fmu_description::{Choice, Variables};
 #[doc(hidden)]
 pub use fmu_description::{derive, interface as embedded};
 #[doc(hidden)]
-pub use layout::table_size;
+pub use laid_out::table_size;
 pub use log::Log;
 #[doc(hidden)]
 pub use model::{Behavior, Rated, Stepped};
