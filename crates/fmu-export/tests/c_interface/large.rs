@@ -98,3 +98,80 @@ fn wrong_values_and_references_are_refused() {
         }
     });
 }
+
+/// A cell of a battery
+#[derive(Variables)]
+struct Cell {
+    /// temperatures
+    #[input(start = 20)]
+    temperature: [f64; 300],
+    /// current
+    #[input]
+    current: f64,
+    /// capacity
+    #[parameter(tunable, start = 3, min = 0)]
+    capacity: f64,
+    /// open-circuit voltage
+    #[parameter(tunable, start = 4)]
+    source: f64,
+    /// resistance
+    #[parameter(tunable, start = 0.5)]
+    resistance: f64,
+    /// limit of the current
+    #[parameter(start = 10)]
+    max_current: f64,
+    /// whether it is connected
+    #[input(start = true)]
+    is_connected: bool,
+    /// number of cycles
+    #[local]
+    cycles: i32,
+    /// voltage
+    #[output]
+    voltage: f64,
+    /// mean temperature
+    #[output]
+    mean: f64,
+}
+
+/// A battery of many cells
+#[derive(Model)]
+struct Battery {
+    /// the cells
+    #[nested]
+    cells: [Cell; 40],
+    /// voltage
+    #[output(initially_from("cells[40].source"))]
+    voltage: f64,
+}
+
+impl Simulate for Battery {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        for cell in &mut self.cells {
+            cell.voltage = cell.source - cell.resistance * cell.current;
+            cell.mean = cell.temperature.iter().sum::<f64>() / 300.0;
+        }
+        self.voltage = self.cells.iter().map(|cell| cell.voltage).sum();
+        Ok(())
+    }
+}
+
+const CELLS: usize = table_size::<Battery>();
+#[allow(long_running_const_eval, reason = "it has many variables")]
+static BATTERY: [Entry; 1] = [Entry::new::<Battery, CELLS>(interface::<Battery, CELLS>(None), &[])];
+
+/// The compiler finds 400 variables by their names without comparing all with each other, which would take it minutes.
+#[test]
+fn an_array_of_structs_with_hundreds_of_variables_compiles_and_works() {
+    with_stack(|kind| {
+        // The scalars of a cell are 300 temperatures and nine others, of which the current is the first.
+        let [current, source, voltage] = [300, 302, 307].map(|of_first| of_first + 39 * 309);
+        let token = Some(CString::new(BATTERY[0].guid()).unwrap());
+        let it = Arguments::new(kind, 0).make(|a| (a.models, a.token) = (&BATTERY, token));
+        let it = it.run(0.0);
+        ok([it.set(current, 2.0), it.set(source, 5.0), it.step(0.0, 0.1)]);
+        // 5 V - 0.5 ohm * 2 A, and 39 cells with 4 V.
+        assert_eq!(it.get([voltage, 40 * 309]), [4.0, 160.0]);
+        assert_eq!(it.get([voltage + 1]), [20.0]);
+    });
+}
