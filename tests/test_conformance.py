@@ -297,6 +297,26 @@ def test_one_cause_is_one_finding(
     assert words in found
 
 
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("STARTS_ANEW", 'with a second instance, "u" at t = 0.01 s is '),
+        ("KEEPS", 'with a second instance, "u" at t = 0 s is '),
+        ("STARTS_ONCE", "fmi2EnterInitializationMode returned fmi2Error"),
+        (
+            "RUNS_ALONE",
+            "fmi2EnterInitializationMode, with a second instance, was ended by signal 6",
+        ),
+    ],
+)
+def test_global_variables_are_one_finding(tmp_path: Path, code: str, words: str) -> None:
+    found = findings(in_c(tmp_path / "Legacy.fmu", code))
+    # The FMU takes calls in any order.
+    (found,) = [line for line in found if "these calls returned fmi2OK" not in line]
+    assert f": the instances share state: {words}" in found
+    check([found], "error: ", "or set canBeInstantiatedOnlyOncePerProcess to true; left out: ")
+
+
 def test_an_fmu_says_once_what_it_claims(conformance: Callable[..., Path]) -> None:
     found = findings(conformance("INPUT_DERIVATIVE_IGNORED", CS))
     check(found, "so: canInterpolateInputs is true, but: derivatives of inputs have no effect (")

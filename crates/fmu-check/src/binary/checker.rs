@@ -21,6 +21,7 @@ use crate::binary::observed::{Difference, MAX_ELEMENTS, Trajectory};
 use crate::binary::probes::{INSTANCES, MISTAKES, OTHERS, Probe};
 use crate::binary::report::lock;
 use crate::binary::task::{Pace, Reply, Task, logged};
+use crate::binary::vocabulary::ONLY_ONCE;
 use crate::binary::{excitation, observed};
 use crate::finding::Findings;
 use crate::rule::{RULES, Rule, Severity, rule};
@@ -60,6 +61,27 @@ pub struct ProbeFinding {
     /// The key that findings of other tests with the same cause have, too.
     cause: String,
     is_crash: bool,
+    /// Whether it shows that instances share state.
+    is_shared_state: bool,
+}
+
+impl ProbeFinding {
+    fn new(rule: &'static Rule, text: String, cause: String) -> Self {
+        let is_shared_state = *rule == *rule!("separate-instances");
+        Self { rule, text, cause, is_crash: false, is_shared_state }
+    }
+
+    /// What the report says, with the cause and the consequences of state that instances share.
+    fn message(&self) -> String {
+        let text = &self.text;
+        match self.is_shared_state {
+            true => format!(
+                "the instances share state: {text}; keep the state in each instance, or set {ONLY_ONCE} to true; left \
+                 out: tests with several instances, and findings about resets and saved states"
+            ),
+            false => text.clone(),
+        }
+    }
 }
 
 /// The replies of a process, and how it ended.
@@ -108,9 +130,9 @@ impl ProbeOutcome {
         match reply {
             Reply::Found(id, text) => {
                 let cause = text.split_once(", but: ").map_or(text.as_str(), |(_, cause)| cause);
-                let (cause, is_crash) = (cause.to_owned(), false);
+                let cause = cause.to_owned();
                 let rule = RULES.iter().find(|rule| rule.id == id);
-                self.found.extend(rule.map(|rule| ProbeFinding { rule, text, cause, is_crash }));
+                self.found.extend(rule.map(|rule| ProbeFinding::new(rule, text, cause)));
             }
             Reply::Unreadable(name) => self.unreadable.push(name),
             Reply::Ran(pace) => self.ran = Some(pace),
@@ -338,7 +360,7 @@ impl Checker<'_> {
                 self.left_out.push(probe.name);
             }
             for found in &outcome.found {
-                if probe.is_misuse() || !self.is_seen_by_another(probe, found) {
+                if !self.is_seen_by_another(probe, found) {
                     self.add_once(found);
                 }
             }
@@ -377,7 +399,8 @@ impl Checker<'_> {
     }
 
     /// Adds what a test has found, unless it has the cause of something that is as severe.
-    fn add_once(&mut self, ProbeFinding { rule, text, cause, is_crash }: &ProbeFinding) {
+    fn add_once(&mut self, found: &ProbeFinding) {
+        let ProbeFinding { rule, cause, is_crash, .. } = found;
         let is_seen = |cause: &str| self.seen.get(cause).is_some_and(|of| *of >= rule.severity);
         // A crash that breaks a rule of its own has a cause of its own, unless the function crashes anyway.
         let own = match *is_crash && !["survives", "survives-misuse"].contains(&rule.id) {
@@ -386,7 +409,7 @@ impl Checker<'_> {
         };
         if !is_seen(cause) && !is_seen(&own) {
             self.seen.insert(own, rule.severity);
-            self.add(rule, text.clone());
+            self.add(rule, found.message());
         }
     }
 
@@ -394,17 +417,20 @@ impl Checker<'_> {
     /// One cause is one finding.
     fn is_seen_by_another(&mut self, probe: &Probe, found: &ProbeFinding) -> bool {
         /// Rules, and those without which they do not hold.
-        const BASES: [(&str, &str); 5] = [
+        const BASES: [(&str, &str); 6] = [
             ("serialized-state", "state"),
             ("adjoint-derivatives", "directional-derivatives"),
             // What instances share is neither reset nor saved with one of them.
             ("reset", "separate-instances"),
+            ("after-error", "separate-instances"),
             ("state", "separate-instances"),
             ("serialized-state", "separate-instances"),
         ];
         /// Without them, most tests are not made, and each interface type reports its own reason.
         const GATES: [&str; 2] = ["loads", "runs"];
-        let (rule, test) = (found.rule.id, [self.about, probe.name]);
+        let test = [self.about, probe.name];
+        // A crash next to another instance is about what they share, though it breaks a rule of its own.
+        let rule = if found.is_shared_state { probe.rule.id } else { found.rule.id };
         // A reset is also tested for what NaN leaves behind, by the test that NaN is survived.
         let is_about = rule == probe.rule.id || rule == "reset";
         if !is_about || GATES.contains(&rule) {
@@ -412,8 +438,12 @@ impl Checker<'_> {
         }
         let is_broken = |rule| self.broken.get(rule).is_some_and(|by| *by != test);
         let mut bases = BASES.iter().filter(|(of, _)| *of == rule);
-        let is_seen = is_broken(rule) || bases.any(|(_, base)| is_broken(base));
-        self.broken.entry(rule).or_insert(test);
+        // Each wrong call is a mistake of its own.
+        let is_own = probe.is_misuse();
+        let is_seen = !is_own && is_broken(&rule) || bases.any(|(_, base)| is_broken(base));
+        if !is_own {
+            self.broken.entry(rule).or_insert(test);
+        }
         is_seen
     }
 
@@ -451,8 +481,8 @@ impl Checker<'_> {
                     (outcome.timed_out, outcome.is_cut) = (true, false);
                     let (name, seconds) = (probe.name, limit.as_secs_f64());
                     let text = format!("the test {name} was ended after {seconds:.0} s");
-                    let (rule, cause) = (rule!("not-tested"), text.clone());
-                    outcome.found.push(ProbeFinding { rule, text, cause, is_crash: false });
+                    let cause = text.clone();
+                    outcome.found.push(ProbeFinding::new(rule!("not-tested"), text, cause));
                     return Ok(outcome);
                 }
                 Event::Ended(ended) => {
@@ -474,7 +504,8 @@ impl Checker<'_> {
             false => probe.crash(),
         };
         let mut crash = |rule, text: String, cause: String| {
-            outcome.found.push(ProbeFinding { rule, text, cause, is_crash: true });
+            let found = ProbeFinding::new(rule, text, cause);
+            outcome.found.push(ProbeFinding { is_crash: true, ..found });
         };
         let after = |how: &str| {
             format!("after its last call, the process {how}, expected it to end as usual")
@@ -499,6 +530,10 @@ impl Checker<'_> {
                     crash(rule!("not-tested"), text, cause);
                 }
             }
+            let is_beside = probe.compares_instances() && !last.stage.is_empty();
+            for found in outcome.found.iter_mut().filter(|found| found.is_crash) {
+                found.is_shared_state = is_beside && found.rule.id != "not-tested";
+            }
             return Ok(outcome);
         }
         if let Ended::Exited(status) = worker.end(GRACE)?
@@ -517,8 +552,7 @@ impl Checker<'_> {
         if let Some(line) = head.lines().find(|line| !line.trim().is_empty()) {
             let line = quote(line);
             let text = format!("the FMU printed {line}, expected that it logs by the callback");
-            let (rule, cause) = (rule!("prints"), "prints".to_owned());
-            outcome.found.push(ProbeFinding { rule, text, cause, is_crash: false });
+            outcome.found.push(ProbeFinding::new(rule!("prints"), text, "prints".to_owned()));
         }
         Ok(outcome)
     }

@@ -49,8 +49,8 @@ pub struct Subject<'a> {
     pub indicators: usize,
     /// The usual run, once it was made.
     pub usual: OnceLock<Trajectory>,
-    /// Whether an instance was made.
-    is_used: AtomicBool,
+    /// Whether an instance was made in this process.
+    is_used: Arc<AtomicBool>,
     /// Whether the FMU has clocks, and whether the host must let some of them tick, which no test does.
     has_clocks: bool,
     pub needs_ticks: bool,
@@ -149,7 +149,7 @@ impl<'a> Subject<'a> {
             states: element_count(model, &model.derivatives),
             indicators: in_2.max(element_count(model, &model.event_indicators)),
             usual: task.usual.clone().map_or_else(OnceLock::new, OnceLock::from),
-            is_used: AtomicBool::new(false),
+            is_used: Arc::default(),
             has_clocks: !clocks.is_empty(),
             needs_ticks: clocks.iter().any(|v| v.causality == Causality::Input && !is_triggered(v)),
             logged: Arc::default(),
@@ -158,10 +158,15 @@ impl<'a> Subject<'a> {
         })
     }
 
+    /// The same FMU in the same process, for runs of another kind.
+    pub fn again(&self) -> Result<Self> {
+        let other = Self::new(self.task, self.model, self.library, self.report)?;
+        Ok(Self { is_used: Arc::clone(&self.is_used), ..other })
+    }
+
     /// The same FMU with its resources in another folder.
     pub fn with_resources(&self, folder: &Path) -> Result<Self> {
-        let moved = Self::new(self.task, self.model, self.library, self.report)?;
-        Ok(Self { resources: self.library.location(folder), ..moved })
+        Ok(Self { resources: self.library.location(folder), ..self.again()? })
     }
 
     /// Whether a flag of the interface type, named as in FMI 2.0, is true.

@@ -86,6 +86,11 @@ impl Probe {
         }
     }
 
+    /// Whether it looks for state that instances share.
+    pub fn compares_instances(&self) -> bool {
+        *self.rule == *rule!("separate-instances")
+    }
+
     /// Whether the library is unloaded before the test ends.
     pub fn unloads(&self) -> bool {
         self.traits.contains(&Unloads)
@@ -118,7 +123,7 @@ impl Probe {
     fn claim(&self) -> Option<String> {
         self.traits.iter().rev().find_map(|about| match about {
             Claims(flag) => Some(format!("{flag} is true, but")),
-            Several => Some(format!("{ONLY_ONCE} is false, but")),
+            Several if !self.compares_instances() => Some(format!("{ONLY_ONCE} is false, but")),
             _ => None,
         })
     }

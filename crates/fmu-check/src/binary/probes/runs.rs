@@ -328,7 +328,7 @@ pub fn start_time(subject: &Subject<'_>) -> Result<()> {
     // The solver of an FMU may end its steps elsewhere than at communication points, which another instance shows.
     let is_exact = !subject.is_alone()
         && follow_time(subject, Run::begin(subject, subject.still())?, STEPS).is_ok();
-    let mut moved = Subject::new(subject.task, subject.model, subject.library, subject.report)?;
+    let mut moved = subject.again()?;
     let later = (subject.all_steps() / 2).max(1) as f64 * subject.step;
     (moved.start, moved.span) = (subject.start + later, subject.span - later);
     let run = Run::begin(&moved, moved.still()).ok().context(SKIP)?;
