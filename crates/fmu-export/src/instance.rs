@@ -16,6 +16,7 @@ use fmu_description::{LogCategory, Naming, Variability};
 use crate::any_model::{AnyModel, SolverVector, VariantStarts};
 use crate::clock::RateClocks;
 use crate::error::{ModelError, Severity, ensure};
+use crate::layout::ModelInfo;
 use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::log::Log;
 use crate::resources::Folder;
@@ -288,7 +289,8 @@ impl Instance {
     }
 
     pub(crate) fn switch_log(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
-        self.shared.settings.log.switch(on, categories, self.model.info())
+        let ModelInfo { has_log, log_categories, .. } = *self.model.info();
+        self.shared.settings.log.switch(on, categories, has_log, log_categories)
     }
 
     /// Sets the times of the experiment, and the relative tolerance. A model that is not integrated here keeps

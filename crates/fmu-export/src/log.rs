@@ -13,7 +13,6 @@ use std::sync::Once;
 use fmu_description::{LogCategory, OwnCategory};
 
 use crate::error::ModelError;
-use crate::layout::ModelInfo;
 
 /// Sets of categories, as bits.
 type Categories = u32;
@@ -138,16 +137,19 @@ impl Log {
         Self { open: self.open.clone(), own }
     }
 
-    /// Enables exactly the named categories, or disables them; without names, all categories.
+    /// Enables exactly the named categories, or disables them; without names, all categories. The model declares the
+    /// categories `own`, and messages without one of these if `has_log`.
     pub(crate) fn switch(
         &self,
         on: bool,
         categories: &[&CStr],
-        model: &ModelInfo,
+        has_log: bool,
+        own: &[OwnCategory],
     ) -> Result<(), ModelError> {
         let mut set = 0;
         for &name in categories {
-            set |= categories_named(name, model).ok_or_else(|| unknown(name, model))?;
+            set |=
+                categories_named(name, has_log, own).ok_or_else(|| unknown(name, has_log, own))?;
         }
         if let Some(open) = &self.open {
             open.on.set(match (on, categories.is_empty()) {
@@ -191,17 +193,17 @@ pub(crate) fn discard(panic: Box<dyn Any + Send>) {
 }
 
 /// The categories that a name stands for; `None` if the model has no such category.
-fn categories_named(name: &CStr, model: &ModelInfo) -> Option<Categories> {
-    match LogCategory::of_model(model.has_log).find(|category| category.name() == name) {
+fn categories_named(name: &CStr, has_log: bool, own: &[OwnCategory]) -> Option<Categories> {
+    match LogCategory::of_model(has_log).find(|category| category.name() == name) {
         Some(LogCategory::All) => Some(EVERY),
         Some(category) => Some(bit(category)),
-        None => model.log_categories.iter().position(|own| own.name == name).map(bit_of_own),
+        None => own.iter().position(|own| own.name == name).map(bit_of_own),
     }
 }
 
-fn unknown(category: &CStr, model: &ModelInfo) -> ModelError {
-    let known = LogCategory::of_model(model.has_log).map(LogCategory::name);
-    let known = known.chain(model.log_categories.iter().map(|own| own.name));
+fn unknown(category: &CStr, has_log: bool, own: &[OwnCategory]) -> ModelError {
+    let known = LogCategory::of_model(has_log).map(LogCategory::name);
+    let known = known.chain(own.iter().map(|own| own.name));
     let known: Vec<_> = known.map(|name| name.to_string_lossy().into_owned()).collect();
     let known = known.join(", ");
     let category = category.to_string_lossy();
