@@ -146,12 +146,6 @@ def test_programs_in_rust_are_examples() -> None:
     assert [text for _, kind, text in blocks if kind == "rust"] == [example.read_text()]
 
 
-def test_the_first_model_is_that_of_a_new_package() -> None:
-    blocks = BLOCK.findall(PAGES["docs/start.md"])
-    template = ROOT / "crates" / "cargo-fmu" / "src" / "template" / "lib.rs"
-    assert [text in template.read_text() for _, kind, text in blocks if kind == "rust"] == [True]
-
-
 def test_reference_pages_are_made_from_the_program_the_fmus_and_the_docstrings(
     program: Path,
 ) -> None:

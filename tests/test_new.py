@@ -61,6 +61,12 @@ def test_a_new_package_passes_its_test_and_all_lints(workspace: Path, name: str)
     run("cargo", "clippy", "--all-targets", "--", "--deny", "warnings", cwd=package)
 
 
+def test_the_first_model_of_the_docs_is_that_of_a_new_package(workspace: Path) -> None:
+    page = (ROOT / "docs" / "start.md").read_text()
+    model = page.split("```rust\n")[1].split("```")[0]
+    assert model in (workspace / "my-controller" / "src" / "lib.rs").read_text()
+
+
 def test_new_fmus_have_no_findings(exported: Path) -> None:
     """The last one has a bug for some inputs, which cannot change then."""
     models = ("MyController", "MyControllerPlant", "Pump", "Own")
