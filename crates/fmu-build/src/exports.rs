@@ -241,7 +241,7 @@ impl Record {
 /// Warnings of FMUs that are older than their sources, as far as the record of the target folder above them knows.
 pub fn stale(fmus: &[PathBuf]) -> Vec<String> {
     let mut records: Vec<(PathBuf, Record)> = Vec::new();
-    // FMUs with the same reason, which is told once.
+    // FMUs with the same reason, which is reported once.
     let mut stale: Vec<(Vec<String>, PathBuf, String)> = Vec::new();
     for fmu in BTreeSet::from_iter(fmus.iter().filter_map(|fmu| canonical(fmu))) {
         let folders = fmu.ancestors().skip(1);
@@ -402,7 +402,7 @@ mod tests {
         package.write("target/fmu/C.fmu", "of another vendor");
         let gone = record.add(package.export(&["A"]), true);
         assert_eq!(gone, [(package.path("target/fmu/B.fmu"), "own".to_owned())]);
-        assert!(record.add(package.export(&["A"]), true).is_empty(), "it is told once");
+        assert!(record.add(package.export(&["A"]), true).is_empty(), "the reason is reported once");
     }
 
     #[test]
