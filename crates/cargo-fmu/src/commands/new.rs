@@ -56,11 +56,10 @@ pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
     let plant = (!args.no_plant).then_some(Part::Plant);
     let parts = plant.into_iter().chain(args.c.then_some(Part::C)).collect();
     let mut package = Package { name, model: &model, dependency, parts };
-    let created = package.create(&folder).map_err(|error| {
+    package.create(&folder).map_err(|error| {
         let _ = fs::remove_dir_all(&folder);
         error.context(format!("cannot create the package {name}"))
-    });
-    created?;
+    })?;
     let has_workflow = package.parts.contains(&Part::Workflow);
     let (models, simulate) = match args.no_plant {
         false => {
