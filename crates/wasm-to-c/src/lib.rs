@@ -1,0 +1,20 @@
+//! Translates a WebAssembly module to C99 that any compiler turns into the same bits.
+//!
+//! [`translate`] returns two files. `model.h` declares the struct `Model`, which is an instance with its whole
+//! state and its linear memory, and the functions; `model.c` defines them:
+//!
+//! | in C | is |
+//! |---|---|
+//! | `MODEL(name)` | the symbol `PREFIX_name`, where [`Options::prefix`] is `PREFIX_`; all other functions are static |
+//! | `Model` | a struct of constant size: `host` for the caller, `trap`, the globals and `memory[MODEL_MEMORY_SIZE]` |
+//! | `void MODEL(init)(Model *m)` | initializes an instance in memory of the caller, without touching `host` |
+//! | `uint32_t MODEL(f)(Model *m, double a0)` | the export `f` of the module; i32 and i64 are `uint32_t` and `uint64_t` |
+//! | `uint32_t MODEL(import_f)(Model *m, uint32_t a0)` | the import `f`, which the user of the files defines |
+//! | `model_load_f64(m, address)`, `model_store_u32(m, address, value)`, … | access to the memory by checked addresses |
+//! | `model_bytes(m, address, size)`, `model_string(m, address)` | pointers into the memory, or NULL |
+//! | `model_trap_message(m->trap)` | what a trap means |
+//!
+//! A trap ends the instance, never the process: it sets `m->trap` to one of `MODEL_TRAP_…`, and all functions
+//! return zero, up to the caller. A call of an instance with a trap returns zero at once. Functions that call each
+//! other in a circle count their depth and trap at `MODEL_CALL_DEPTH`.
+#![forbid(unsafe_code)]
