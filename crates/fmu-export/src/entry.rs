@@ -9,14 +9,19 @@ use fmu_description::interface::guid_of_copy;
 use fmu_description::{Interface, Naming, StartOverrides};
 
 use crate::any_model::VariantStarts;
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+use crate::edge::sources::Needs;
 use crate::fast;
 use crate::instance::{Guid, Identity, Settings};
 use crate::laid_out::LaidOut;
 use crate::lifecycle::InstanceType;
 use crate::model::Model;
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
+use crate::needs::Needs;
 use crate::pointers::Pointer;
 
 /// A model of a library, before it is instantiated.
+#[derive(Clone, Copy)]
 pub struct Entry {
     name: &'static str,
     variant: Option<VariantStarts>,
@@ -26,7 +31,7 @@ pub struct Entry {
     is_for_model_exchange: bool,
     create: fn(Settings, Identity) -> Option<Pointer>,
     #[cfg(target_arch = "wasm32")]
-    pub(crate) needs: crate::needs::Needs,
+    pub(crate) needs: Needs,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
     _embedded: &'static [u8],
 }
@@ -82,7 +87,7 @@ impl Entry {
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: fast::create::<M, N>,
             #[cfg(target_arch = "wasm32")]
-            needs: crate::needs::Needs::for_model::<M>(),
+            needs: Needs::of::<M, N>(),
             _embedded: embedded,
         }
     }

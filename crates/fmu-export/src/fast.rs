@@ -55,7 +55,7 @@ pub(crate) struct Vtable {
     /// Takes a step.
     pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64, StepEnd) -> Status,
     /// The number of elements of variables; an unknown one counts as one.
-    #[cfg(target_arch = "wasm32")]
+    #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
     pub(crate) count_elements: unsafe fn(Pointer, *const u32, usize) -> usize,
     instance: unsafe fn(Pointer) -> *mut Instance,
     free: unsafe fn(Pointer),
@@ -116,7 +116,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
         set_variables: Self::set_variables,
         step: Self::step,
-        #[cfg(target_arch = "wasm32")]
+        #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
         count_elements: Self::count_elements,
         instance: Self::instance,
         free: Self::free,
@@ -405,7 +405,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
 
     /// # Safety
     /// As for all functions of [`Vtable`].
-    #[cfg(target_arch = "wasm32")]
+    #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
     unsafe fn count_elements(pointer: Pointer, references: *const u32, n: usize) -> usize {
         // SAFETY: the caller's promise.
         let (hosted, references) = unsafe { (Self::at(pointer), slice(references, n)) };

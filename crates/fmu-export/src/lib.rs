@@ -74,7 +74,7 @@ mod any_model;
 #[cfg(all(fmu_export_no_backtrace, not(target_feature = "crt-static")))]
 mod backtrace;
 pub mod c;
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod canonical;
 mod clock;
 mod deprecated;
@@ -95,7 +95,7 @@ mod layout;
 mod lifecycle;
 mod log;
 mod model;
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod needs;
 mod pointers;
 mod resources;
@@ -110,6 +110,9 @@ mod values;
 pub use edge::fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
 pub use edge::fmi3;
+#[doc(hidden)]
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+pub use edge::sources;
 #[doc(hidden)]
 pub use entry::{Entry, interface};
 pub use error::{Context, ModelError};
@@ -159,7 +162,7 @@ macro_rules! export {
     ($($model:ty),+ $(,)?) => {
         /// The models of this library.
         #[allow(long_running_const_eval, reason = "a table may be large")]
-        pub static MODELS: &[$crate::Entry] = &$crate::Entry::all([$({
+        pub static MODELS: &[$crate::Entry] = $crate::exported_models!([$({
             struct Exported;
             impl $crate::exported::Exported for Exported {
                 type Model = $model;
@@ -170,17 +173,12 @@ macro_rules! export {
                 option_env!("FMU_EXPORT_NAMING"),
             )
             .revised(option_env!("FMU_EXPORT_REVISION"));
-            #[used]
-            static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
-                $crate::embedded::write(&INTERFACE);
+            $crate::embed!(INTERFACE);
             $crate::exported::entry::<Exported, SIZE>(INTERFACE, &EMBEDDED)
         }),+]);
 
         #[cfg(target_arch = "wasm32")]
-        #[unsafe(no_mangle)]
-        fn fmu_export_models() -> &'static [$crate::Entry] {
-            MODELS
-        }
+        $crate::export_to_wasm!();
 
         // Its name is the message of the compiler for a second `export!`.
         #[cfg(not(target_arch = "wasm32"))]
@@ -192,6 +190,115 @@ macro_rules! export {
         }
         #[cfg(not(target_arch = "wasm32"))]
         pub use export_takes_all_models_at_once::*;
+    };
+}
+
+/// The copy of an interface for the exporter.
+#[doc(hidden)]
+#[cfg(not(all(target_arch = "wasm32", feature = "sources")))]
+#[macro_export]
+macro_rules! embed {
+    ($interface:ident) => {
+        #[used]
+        static EMBEDDED: [u8; $crate::embedded::size(&$interface)] =
+            $crate::embedded::write(&$interface);
+    };
+}
+
+/// The copy of an interface for the exporter, of the model that is exported.
+#[doc(hidden)]
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+#[macro_export]
+macro_rules! embed {
+    ($interface:ident) => {
+        static EMBEDDED: [u8; $crate::embedded::size(&$interface)] =
+            $crate::embedded::write(&$interface);
+    };
+}
+
+/// The models that a library has.
+#[doc(hidden)]
+#[cfg(not(all(target_arch = "wasm32", feature = "sources")))]
+#[macro_export]
+macro_rules! exported_models {
+    ($entries:expr) => {
+        &$crate::Entry::all($entries)
+    };
+}
+
+/// The only model that C sources have.
+#[doc(hidden)]
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+#[macro_export]
+macro_rules! exported_models {
+    ($entries:expr) => {{
+        const ALL: &[$crate::Entry] = &$crate::Entry::all($entries);
+        const INDEX: usize = $crate::sources::index(ALL, option_env!("FMU_EXPORT_MODEL"));
+        &[ALL[INDEX]]
+    }};
+}
+
+/// Lets the edge of components find `MODELS`.
+#[doc(hidden)]
+#[cfg(not(feature = "sources"))]
+#[macro_export]
+macro_rules! export_to_wasm {
+    () => {
+        #[unsafe(no_mangle)]
+        fn fmu_export_models() -> &'static [$crate::Entry] {
+            MODELS
+        }
+    };
+}
+
+/// Defines the function of C sources that instantiates the model, and its memory.
+#[doc(hidden)]
+#[cfg(feature = "sources")]
+#[macro_export]
+macro_rules! export_to_wasm {
+    () => {
+        const _: () = {
+            use ::core::ffi::{c_char, c_int, c_void};
+            use ::core::mem::MaybeUninit;
+
+            const SIZE: usize = $crate::sources::heap(MODELS);
+            static mut BLOCK: [MaybeUninit<u8>; SIZE] = [MaybeUninit::uninit(); SIZE];
+            #[global_allocator]
+            // SAFETY: nothing else uses the block.
+            static ALLOCATOR: $crate::sources::Allocator =
+                unsafe { $crate::sources::Allocator::new(&raw mut BLOCK) };
+
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn fmu_instantiate(
+                name: *const c_char,
+                token: *const c_char,
+                resources: *const c_char,
+                instance_type: c_int,
+                logging_on: c_int,
+                event_mode_used: c_int,
+                early_return_allowed: c_int,
+                intermediate_variables: *const u32,
+                n: usize,
+                has_intermediate_update: c_int,
+            ) -> *mut c_void {
+                // SAFETY: the caller's promise, passed on.
+                unsafe {
+                    $crate::sources::instantiate(
+                        MODELS,
+                        name,
+                        token,
+                        resources,
+                        instance_type,
+                        logging_on,
+                        event_mode_used,
+                        early_return_allowed,
+                        intermediate_variables,
+                        n,
+                        has_intermediate_update,
+                    )
+                }
+            }
+        };
     };
 }
 

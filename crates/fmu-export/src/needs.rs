@@ -31,13 +31,14 @@ unsafe extern "C" {
 
 /// The functions of the host that a model needs. A component imports only functions that one of its models needs,
 /// since the linker drops the rest.
+#[derive(Clone, Copy)]
 pub(crate) struct Needs {
     pub(crate) new_model_exchange: Option<extern "C" fn(Pointer) -> u32>,
     pub(crate) intermediate_update: Option<fn(IntermediateUpdate) -> Option<f64>>,
 }
 
 impl Needs {
-    pub(crate) const fn for_model<M: Model>() -> Self {
+    pub(crate) const fn of<M: Model, const N: usize>() -> Self {
         extern "C" fn new(instance: Pointer) -> u32 {
             new_model_exchange(instance)
         }

@@ -1,14 +1,17 @@
 //! The folder of the resources, from the URI that the host passes to `fmi2Instantiate` (FMI 2.0.5,
-//! section 2.1.5). A WebAssembly component has none: its host reads them.
+//! section 2.1.5). A WebAssembly component has none: its host reads them, as for C sources.
 
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use std::mem::MaybeUninit;
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use std::path::Path;
 use std::path::PathBuf;
 
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use crate::canonical::{Answer, Text, slice};
+
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+pub(crate) use crate::edge::sources::read_resource;
 
 /// The folder of the resources, or why it is not known.
 pub(crate) type Folder = Result<PathBuf, String>;
@@ -86,7 +89,7 @@ fn decode(text: &str) -> Option<String> {
     String::from_utf8(decoded).ok()
 }
 
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 #[link(wasm_import_module = "fmi:fmi3/resource-dir-callbacks@3.0.0")]
 unsafe extern "C" {
     #[link_name = "read-file"]
@@ -94,7 +97,7 @@ unsafe extern "C" {
 }
 
 /// Reads a resource by the host, which has the files.
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 pub(crate) fn read_resource(path: &Path) -> Result<String, String> {
     let path = path.to_str().ok_or("its name is not UTF-8")?;
     let mut content = MaybeUninit::uninit();

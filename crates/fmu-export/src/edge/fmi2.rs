@@ -66,10 +66,26 @@ pub unsafe fn instantiate(
     logging_on: fmi2Boolean,
 ) -> fmi2Component {
     // SAFETY: the caller's promise: callbacks and texts are NULL or valid.
-    let (functions, [name, guid, location]) = unsafe {
-        let texts = [name, guid, resources].map(|pointer| text(pointer));
-        (functions.as_ref(), texts)
-    };
+    unsafe {
+        let log = Log::new(sink(functions.as_ref(), text(name)), logging_on != fmi2False);
+        create(models, name, kind, guid, resources, log)
+    }
+}
+
+/// Creates an instance with a log.
+///
+/// # Safety
+/// As [`instantiate`].
+pub(super) unsafe fn create(
+    models: &'static [Entry],
+    name: fmi2String,
+    kind: fmi2Type,
+    guid: fmi2String,
+    resources: fmi2String,
+    log: Log,
+) -> fmi2Component {
+    // SAFETY: the caller's promise: texts are NULL or valid.
+    let [name, guid, location] = unsafe { [name, guid, resources].map(|pointer| text(pointer)) };
     let instance_type = match kind {
         fmi2ModelExchange => Ok(InstanceType::ModelExchange),
         fmi2CoSimulation => Ok(InstanceType::CoSimulation),
@@ -81,7 +97,6 @@ pub unsafe fn instantiate(
         Ok(location) => resources::path(location),
         Err(_) => Err(format!("the resource location {location:?} is not UTF-8")),
     };
-    let log = Log::new(sink(functions, name), logging_on != fmi2False);
     let settings = Settings::new(&EDGE, log, resources);
     super::instantiate("fmi2Instantiate", models, (name, guid), instance_type, settings)
 }
@@ -112,7 +127,7 @@ pub unsafe extern "C" fn fmi2FreeInstance(instance: fmi2Component) {
 }
 
 /// `fmi2GetReal`
-#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi2GetReal(
     instance: fmi2Component,
     references: *const u32,
@@ -130,7 +145,7 @@ pub unsafe extern "C" fn fmi2GetReal(
 }
 
 /// `fmi2SetReal`
-#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi2SetReal(
     instance: fmi2Component,
     references: *const u32,
@@ -148,7 +163,7 @@ pub unsafe extern "C" fn fmi2SetReal(
 }
 
 /// `fmi2DoStep`
-#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi2DoStep(
     instance: fmi2Component,
     time: f64,

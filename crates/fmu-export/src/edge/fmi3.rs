@@ -187,7 +187,7 @@ pub unsafe extern "C" fn fmi3FreeInstance(instance: fmi3Instance) {
 }
 
 /// `fmi3GetFloat64`
-#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi3GetFloat64(
     instance: fmi3Instance,
     references: *const u32,
@@ -206,7 +206,7 @@ pub unsafe extern "C" fn fmi3GetFloat64(
 }
 
 /// `fmi3SetFloat64`
-#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi3SetFloat64(
     instance: fmi3Instance,
     references: *const u32,
@@ -225,7 +225,7 @@ pub unsafe extern "C" fn fmi3SetFloat64(
 }
 
 /// `fmi3DoStep`
-#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi3DoStep(
     instance: fmi3Instance,
     time: f64,

@@ -7,7 +7,8 @@
 //! those whose arguments are of C, in this file and in [`fmu_state`] if both versions have them. The entry points for
 //! get, set and step are written out, and call the functions in [`fast`](crate::fast).
 //!
-//! `wasm` is the interface of WebAssembly components. It is there if the target is, in place of the names in C.
+//! For WebAssembly, `wasm` is the interface of components, in place of the names in C, and `sources` is what C sources
+//! need besides the functions in C.
 
 use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -43,7 +44,7 @@ macro_rules! entry {
     // Declared as unsupported by the model description. Importers bind them anyway.
     ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident NOWHERE) => {
         #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
-        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+        #[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
         pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
             // SAFETY: the host's promise: NULL or an instance.
             let instance = unsafe { instance_at(instance) };
@@ -53,7 +54,7 @@ macro_rules! entry {
     };
     ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
         #[doc = concat!("`", stringify!($name), "`")]
-        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+        #[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
         #[allow(unused_variables, reason = "the slices have the lengths")]
         pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
             let call = &calls::$name;
@@ -121,7 +122,9 @@ pub mod fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
 pub mod fmi3;
 mod fmu_state;
-#[cfg(target_arch = "wasm32")]
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+pub mod sources;
+#[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod wasm;
 
 /// Creates an instance of the model that a host chooses by name and GUID, of a type. On failure, logs the

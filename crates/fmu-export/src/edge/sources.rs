@@ -1,0 +1,390 @@
+//! The interface of C sources. The library becomes one module of WebAssembly for one model, which `fmu-build` translates
+//! to C; the C functions of the standard, in C as well, call it.
+//!
+//! The module exports the C functions of one version of FMI, from the rows of `fmi-abi`, except those that create and
+//! free instances: `fmu_instantiate` and `fmu_free` have no pointers to functions of the host. An instance of the
+//! module has one instance of the model, in a memory of its own, whose size is known from the start.
+//!
+//! A panic ends the instance with a trap, after a message to the host.
+
+#![allow(clippy::too_many_arguments, reason = "as in the C interface")]
+
+use std::alloc::{GlobalAlloc, Layout};
+use std::cell::RefCell;
+use std::ffi::{CStr, c_char, c_int};
+use std::mem::{self, MaybeUninit};
+use std::panic::PanicHookInfo;
+use std::path::Path;
+use std::ptr::null_mut;
+
+use fmu_description::LogCategory;
+use talc::base::Talc;
+use talc::base::binning::Binning;
+use talc::cell::TalcSyncCell;
+use talc::source::Source;
+use talc::wasm::WasmBinning;
+
+#[cfg(feature = "fmi2")]
+use super::fmi2;
+#[cfg(not(feature = "fmi2"))]
+use super::fmi3::*;
+use crate::entry::Entry;
+use crate::fast::{HostedInstance, free};
+use crate::laid_out::LaidOut;
+#[cfg(feature = "fmi2")]
+use crate::log::{Log, Sink};
+use crate::log::{silence_panics, text_of_panic};
+use crate::model::Model;
+use crate::pointers::{Pointer, c_message, c_text};
+
+/// The functions of the host, which are written in C.
+mod host {
+    use super::*;
+
+    #[link(wasm_import_module = "fmu")]
+    unsafe extern "C" {
+        pub fn log(status: c_int, category: *const c_char, message: *const c_char);
+        /// The size of a resource, below the folder of resources; negative if it cannot be read.
+        pub fn resource_size(path: *const c_char) -> i32;
+        /// Reads a resource of this size. Returns 0 if all was read.
+        pub fn read_resource(path: *const c_char, content: *mut u8, size: usize) -> i32;
+        /// Returns whether the host requests an early return, whose time it writes.
+        #[cfg(not(feature = "fmi2"))]
+        pub fn intermediate_update(
+            time: f64,
+            set_requested: c_int,
+            get_allowed: c_int,
+            step_finished: c_int,
+            can_return_early: c_int,
+            return_time: *mut f64,
+        ) -> c_int;
+    }
+}
+
+/// What a model needs of the module that has no other model.
+#[derive(Clone, Copy)]
+pub(crate) struct Needs {
+    /// The name of the model, also if the entry is of a variant.
+    name: &'static str,
+    /// Bytes that an instance allocates.
+    heap: usize,
+    /// Bytes of references and values of all variables in one call.
+    arguments: usize,
+    /// The callback of models that have intermediate updates. Only their modules import it.
+    #[cfg(not(feature = "fmi2"))]
+    intermediate_update: Option<fmi3IntermediateUpdateCallback>,
+}
+
+impl Needs {
+    pub(crate) const fn of<M: Model, const N: usize>() -> Self {
+        /// Messages, texts, other arguments, and what the allocator adds.
+        const SMALL: usize = 12 << 10;
+        /// The instance, its start values, the state before a step, and two states that the host saves.
+        const COPIES: usize = 5;
+        /// The vectors of a solver.
+        const VECTORS: usize = 16;
+        let info = &LaidOut::<M, N>::INFO;
+        let solved = info.states.len() + info.event_indicators.len();
+        let arguments = 64 + info.end as usize * (size_of::<u32>() + size_of::<f64>());
+        Self {
+            name: M::NAME,
+            arguments,
+            heap: SMALL
+                + arguments
+                + COPIES * size_of::<HostedInstance<LaidOut<M, N>>>()
+                + VECTORS * solved * size_of::<f64>(),
+            #[cfg(not(feature = "fmi2"))]
+            intermediate_update: match M::IS_CONTINUOUS {
+                true => Some(intermediate_update),
+                false => None,
+            },
+        }
+    }
+}
+
+/// The place of the model that the exporter asks for; of the first one if there is none with this name.
+pub const fn index(models: &[Entry], name: Option<&str>) -> usize {
+    let Some(name) = name else { return 0 };
+    let mut index = models.len();
+    while index > 0 {
+        index -= 1;
+        if is_same(models[index].needs.name.as_bytes(), name.as_bytes()) {
+            break;
+        }
+    }
+    index
+}
+
+const fn is_same(a: &[u8], b: &[u8]) -> bool {
+    match (a, b) {
+        ([], []) => true,
+        ([a, rest @ ..], [b, others @ ..]) => *a == *b && is_same(rest, others),
+        _ => false,
+    }
+}
+
+/// The bytes that an instance of the only model allocates.
+pub const fn heap(models: &[Entry]) -> usize {
+    match models {
+        [model, ..] => model.needs.heap,
+        [] => 0,
+    }
+}
+
+/// Allocates in a block of fixed size. Only if the C compiler was told to give an instance more memory, there is more.
+pub struct Allocator(TalcSyncCell<Block, WasmBinning>);
+
+impl Allocator {
+    /// # Safety
+    /// Nothing else uses the block.
+    pub const unsafe fn new<const SIZE: usize>(block: *mut [MaybeUninit<u8>; SIZE]) -> Self {
+        Self(TalcSyncCell::new_wasm(Block { first: block.cast(), size: SIZE }))
+    }
+}
+
+// SAFETY: as the allocator inside.
+unsafe impl GlobalAlloc for Allocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller's promise.
+        found(unsafe { self.0.alloc(layout) })
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise.
+        unsafe { self.0.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: the caller's promise.
+        found(unsafe { self.0.realloc(pointer, layout, size) })
+    }
+}
+
+/// Tells the host if there is no memory, without which the next message may not be possible.
+fn found(memory: *mut u8) -> *mut u8 {
+    if memory.is_null() {
+        let message = c"the instance needs more memory than it has; expected sources that are compiled with a larger MODEL_MEMORY_SIZE";
+        send(LogCategory::Error.status(), LogCategory::Error.name(), message);
+    }
+    memory
+}
+
+/// The block of memory that the allocator has not yet taken.
+#[derive(Debug)]
+struct Block {
+    first: *mut u8,
+    size: usize,
+}
+
+// SAFETY: it uses no allocator but the one that is passed.
+unsafe impl Source for Block {
+    fn acquire<B: Binning>(talc: &mut Talc<Self, B>, layout: Layout) -> Result<(), ()> {
+        /// The size of a page of WebAssembly.
+        const PAGE: usize = 1 << 16;
+        /// What the allocator adds.
+        const OVERHEAD: usize = 64;
+        let (first, size) = match mem::take(&mut talc.source.size) {
+            0 => {
+                let needed = layout.size().saturating_add(layout.align() + OVERHEAD);
+                let pages = needed.div_ceil(PAGE);
+                match std::arch::wasm32::memory_grow::<0>(pages) {
+                    usize::MAX => return Err(()),
+                    before => ((before * PAGE) as *mut u8, pages * PAGE),
+                }
+            }
+            size => (talc.source.first, size),
+        };
+        // SAFETY: nothing else uses this memory: the creator's promise, or it is new.
+        unsafe { talc.claim(first, size) }.map(drop).ok_or(())
+    }
+}
+
+/// Memory for the arguments and results of a call.
+struct Arguments {
+    /// Enough for all variables. It stays where it is, so that a step keeps its results while its callback makes calls.
+    usual: Vec<u64>,
+    /// For a call that needs more.
+    large: Vec<u64>,
+}
+
+thread_local! {
+    static ARGUMENTS: RefCell<Arguments> =
+        const { RefCell::new(Arguments { usual: Vec::new(), large: Vec::new() }) };
+}
+
+/// Memory for the arguments and results of the next call, until the one after it; NULL if there is not enough.
+#[unsafe(no_mangle)]
+extern "C" fn fmu_arguments(size: usize) -> *mut u64 {
+    let length = size.div_ceil(size_of::<u64>());
+    ARGUMENTS.with_borrow_mut(|Arguments { usual, large }| {
+        if length <= usual.len() {
+            return usual.as_mut_ptr();
+        }
+        if length > large.len() {
+            *large = Vec::new();
+            if large.try_reserve_exact(length).is_err() {
+                return null_mut();
+            }
+            large.resize(length, 0);
+        }
+        large.as_mut_ptr()
+    })
+}
+
+/// Creates the instance of a module, of type 0 (model exchange) or 1 (co-simulation). On failure, logs the reason and
+/// returns NULL.
+///
+/// # Safety
+/// Texts are NULL or zero-terminated; the array is NULL or has its length.
+pub unsafe fn instantiate(
+    models: &'static [Entry],
+    name: *const c_char,
+    token: *const c_char,
+    resources: *const c_char,
+    instance_type: c_int,
+    logging_on: c_int,
+    event_mode_used: c_int,
+    early_return_allowed: c_int,
+    intermediate_variables: *const u32,
+    n: usize,
+    has_intermediate_update: c_int,
+) -> Pointer {
+    silence_panics(report_panic);
+    #[cfg(feature = "fmi2")]
+    let instance = {
+        let _ = (event_mode_used, early_return_allowed, intermediate_variables, n);
+        let _ = has_intermediate_update;
+        let sink: Sink = Box::new(|heading, message| {
+            send(heading.status, heading.category, &c_message(message));
+        });
+        let log = Log::new(Some(sink), logging_on != 0);
+        // SAFETY: the caller's promise.
+        unsafe { fmi2::create(models, name, instance_type, token, resources, log) }
+    };
+    #[cfg(not(feature = "fmi2"))]
+    let instance = {
+        let call_back = models.first().and_then(|model| model.needs.intermediate_update);
+        let call_back = call_back.filter(|_| has_intermediate_update != 0);
+        let (visible, logging_on) = (fmi3False, (logging_on != 0).into());
+        let (event_mode_used, early) = (event_mode_used != 0, early_return_allowed != 0);
+        let (variables, log) = (intermediate_variables, Some(log_message as _));
+        // SAFETY: the caller's promise.
+        unsafe {
+            match instance_type {
+                0 => instantiate_model_exchange(
+                    models,
+                    name,
+                    token,
+                    resources,
+                    visible,
+                    logging_on,
+                    null_mut(),
+                    log,
+                ),
+                _ => instantiate_co_simulation(
+                    models,
+                    name,
+                    token,
+                    resources,
+                    visible,
+                    logging_on,
+                    event_mode_used.into(),
+                    early.into(),
+                    variables,
+                    n,
+                    null_mut(),
+                    log,
+                    call_back,
+                ),
+            }
+        }
+    };
+    if let ([model, ..], false) = (models, instance.is_null()) {
+        let length = model.needs.arguments.div_ceil(size_of::<u64>());
+        ARGUMENTS.with_borrow_mut(|arguments| arguments.usual.resize(length, 0));
+    }
+    instance
+}
+
+/// Frees the instance.
+///
+/// # Safety
+/// The host's promise: NULL or the instance, which is not used again.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn fmu_free(instance: Pointer) {
+    // SAFETY: the caller's promise.
+    unsafe { free(instance) }
+}
+
+fn send(status: c_int, category: &CStr, message: &CStr) {
+    // SAFETY: the host provides this function; the texts outlive the call.
+    unsafe { host::log(status, category.as_ptr(), message.as_ptr()) };
+}
+
+/// The callback of FMI 3.0 for messages.
+#[cfg(not(feature = "fmi2"))]
+unsafe extern "C" fn log_message(
+    _environment: fmi3InstanceEnvironment,
+    status: c_int,
+    category: fmi3String,
+    message: fmi3String,
+) {
+    // SAFETY: the caller's promise: zero-terminated texts.
+    unsafe { host::log(status, category, message) };
+}
+
+/// The callback of FMI 3.0 for intermediate updates.
+#[cfg(not(feature = "fmi2"))]
+unsafe extern "C" fn intermediate_update(
+    _environment: fmi3InstanceEnvironment,
+    time: f64,
+    set_requested: fmi3Boolean,
+    get_allowed: fmi3Boolean,
+    step_finished: fmi3Boolean,
+    can_return_early: fmi3Boolean,
+    early_return: *mut fmi3Boolean,
+    return_time: *mut f64,
+) {
+    let [set_requested, get_allowed, step_finished, can_return_early] =
+        [set_requested, get_allowed, step_finished, can_return_early].map(c_int::from);
+    // SAFETY: the host provides this function; the caller's promise: valid pointers.
+    unsafe {
+        let is_requested = host::intermediate_update(
+            time,
+            set_requested,
+            get_allowed,
+            step_finished,
+            can_return_early,
+            return_time,
+        );
+        *early_return = (is_requested != 0).into();
+    }
+}
+
+/// Tells the host of a panic, after which the instance can only be freed.
+fn report_panic(panic: &PanicHookInfo<'_>) {
+    let place = panic.location().map_or_else(String::new, |place| format!("{place}: "));
+    let text = text_of_panic(panic.payload());
+    let message =
+        c_message(&format!("{place}the model panicked; the instance can only be freed: {text}"));
+    send(LogCategory::Fatal.status(), LogCategory::Fatal.name(), &message);
+}
+
+/// Reads a resource by the host, which has the files.
+pub(crate) fn read_resource(path: &Path) -> Result<String, String> {
+    let path = path.to_str().ok_or("its name is not UTF-8")?;
+    let path = c_text(path);
+    // SAFETY: the host provides these functions; the text and the memory for the content outlive the calls.
+    let bytes = unsafe {
+        let size = usize::try_from(host::resource_size(path.as_ptr()));
+        let size = size.map_err(|_| "there is no such file among the resources")?;
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(size).map_err(|_| format!("no memory for its {size} bytes"))?;
+        bytes.resize(size, 0);
+        match host::read_resource(path.as_ptr(), bytes.as_mut_ptr(), size) {
+            0 => bytes,
+            _ => return Err("it cannot be read".into()),
+        }
+    };
+    String::from_utf8(bytes).map_err(|error| error.to_string())
+}
