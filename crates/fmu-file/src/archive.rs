@@ -266,6 +266,17 @@ impl Archive {
         bounded(file, MODEL_DESCRIPTION, MAX_XML)
     }
 
+    /// Reads an XML file as text; `None` if there is none. What is not UTF-8 is decoded all the same.
+    ///
+    /// # Errors
+    /// It is damaged or too large.
+    pub fn text(&mut self, name: &str) -> Result<Option<String>> {
+        let Some(index) = self.index_of(name) else { return Ok(None) };
+        let file = self.zip.by_index(index);
+        let file = file.with_context(|| format!("{name} cannot be read"))?;
+        Ok(Some(xml::decode(&bounded(file, name, MAX_XML)?).text))
+    }
+
     /// The index of a file; of several with the same name the last, as other tools do.
     fn index_of(&self, name: &str) -> Option<usize> {
         self.names.iter().rposition(|other| other == name)

@@ -126,6 +126,13 @@ impl Platform {
         platforms.first().copied()
     }
 
+    /// Whether a version of FMI gives it this name.
+    pub fn is_named(&self, name: &str) -> bool {
+        let mut rows = FOLDERS.iter().map(|(folders, _)| folders);
+        !name.is_empty()
+            && rows.any(|folders| folders.contains(&self.folder) && folders.contains(&name))
+    }
+
     /// Path of a model's binary in an FMU.
     pub fn binary(&self, identifier: &str) -> String {
         format!("binaries/{}/{identifier}.{}", self.folder, self.extension)

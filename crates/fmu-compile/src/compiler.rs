@@ -1,0 +1,268 @@
+//! The compilers of this machine, and their processes.
+
+use std::collections::HashMap;
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use cc::Tool;
+use fmu_file::text::plain;
+
+use crate::error::{CompileError, MESSAGE_LINES};
+use crate::options::CompilerFamily;
+
+/// The target of this program.
+const TARGET: &str = env!("TARGET");
+/// Interval between looks at the processes.
+const PERIOD: Duration = Duration::from_millis(5);
+/// Maximum number of bytes of a compiler's output that are kept.
+const MAX_OUTPUT: usize = 1 << 16;
+/// Maximum length of a line of a compiler's output.
+const MAX_LINE: usize = 400;
+/// Maximum memory of a process (bytes), where the system can limit it.
+#[cfg(target_os = "linux")]
+const MAX_MEMORY: u64 = 8 << 30;
+
+/// How to compile.
+pub struct CompileControl<'a> {
+    /// The time that all sources of an FMU may take.
+    pub time_limit: Duration,
+    /// Whether the compiler warns, in [`Compiled::log`].
+    pub warns: bool,
+    /// Is asked now and then whether to stop.
+    pub is_cancelled: &'a dyn Fn() -> bool,
+}
+
+impl Default for CompileControl<'_> {
+    fn default() -> Self {
+        Self { time_limit: Duration::from_secs(600), warns: false, is_cancelled: &|| false }
+    }
+}
+
+/// The compilers that were found.
+#[derive(Default)]
+pub struct Compilers(HashMap<(bool, Option<&'static str>), Compiler>);
+
+/// A compiler of this machine, with the options that the user and the target need.
+#[derive(Clone)]
+pub struct Compiler {
+    tool: Tool,
+    pub family: CompilerFamily,
+    /// Whether it is GCC or Clang, and not a smaller one that only resembles them.
+    pub is_full: bool,
+}
+
+impl Compilers {
+    /// The compiler for a language. `preferred` is the name of one that is taken if it is there, unless the user has
+    /// chosen one by the environment variable `CC` or `CXX`.
+    pub fn find(
+        &mut self,
+        is_cpp: bool,
+        preferred: Option<&'static str>,
+        warns: bool,
+        folder: &Path,
+    ) -> Result<Compiler, CompileError> {
+        if let Some(known) = self.0.get(&(is_cpp, preferred)) {
+            return Ok(known.clone());
+        }
+        let variable = if is_cpp { "CXX" } else { "CC" };
+        let chosen = std::env::var_os(variable).filter(|program| !program.is_empty());
+        let mut build = cc::Build::new();
+        build.target(TARGET).host(TARGET).cpp(is_cpp).opt_level(2).debug(false).pic(true);
+        build.static_crt(true).warnings(warns).extra_warnings(false).inherit_rustflags(false);
+        build.cargo_output(false).out_dir(folder);
+        let mut names: Vec<OsString> = Vec::new();
+        if chosen.is_none() && !TARGET.ends_with("msvc") {
+            let others: [&str; 3] =
+                if is_cpp { ["c++", "g++", "clang++"] } else { ["cc", "gcc", "clang"] };
+            names.extend(preferred.into_iter().chain(others).map(OsString::from));
+        }
+        let present = names.iter().find(|name| is_program(Path::new(name)));
+        if let Some(name) = present {
+            build.compiler(name);
+        }
+        let missing = |program: String| CompileError::MissingCompiler { is_cpp, program };
+        let none = || missing("neither cc, gcc nor clang was found".to_owned());
+        let tool = build.try_get_compiler().map_err(|_| none())?;
+        if !is_program(tool.path()) {
+            let program = tool.path().display();
+            return Err(match chosen {
+                Some(_) => missing(format!("{variable} is {program}, which was not found")),
+                None => none(),
+            });
+        }
+        let family = if tool.is_like_msvc() { CompilerFamily::Msvc } else { CompilerFamily::Gnu };
+        let name = tool.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let found = Compiler { is_full: !name.contains("tcc"), tool, family };
+        Ok(self.0.entry((is_cpp, preferred)).or_insert(found).clone())
+    }
+}
+
+impl Compiler {
+    /// A command that begins with the options of the compiler.
+    pub fn command(&self) -> Command {
+        self.tool.to_command()
+    }
+}
+
+/// Whether a program exists, in the folders of `PATH` if it has no path.
+fn is_program(program: &Path) -> bool {
+    if program.components().count() > 1 {
+        return program.is_file();
+    }
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&folders).any(|folder| {
+        let file = folder.join(program);
+        file.is_file() || file.with_extension("exe").is_file()
+    })
+}
+
+/// A call of a compiler.
+pub struct Call {
+    /// The file that an error names.
+    pub file: String,
+    pub command: Command,
+}
+
+impl Call {
+    /// The command as a user would type it.
+    pub fn line(&self) -> String {
+        let words = [self.command.get_program()].into_iter().chain(self.command.get_args());
+        let words = words.map(|word| {
+            let word = word.to_string_lossy();
+            let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:".contains(c);
+            match !word.is_empty() && word.chars().all(is_plain) {
+                true => word.into_owned(),
+                false => format!("'{}'", plain(&word, MAX_LINE).replace('\'', r"'\''")),
+            }
+        });
+        Vec::from_iter(words).join(" ")
+    }
+}
+
+/// A process of a compiler. It and the processes that it has started are killed when it is dropped.
+struct Running {
+    child: Child,
+    index: usize,
+}
+
+impl Running {
+    fn start(call: &mut Call, index: usize, folder: &Path, limit: Duration) -> Result<Self> {
+        let output = File::create(output(folder, index))?;
+        let command = &mut call.command;
+        command.stdin(Stdio::null()).stdout(output.try_clone()?).stderr(output);
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(command, 0);
+        let child = command.spawn();
+        let child = child
+            .with_context(|| format!("cannot start {}", command.get_program().to_string_lossy()))?;
+        confine(&child, limit);
+        Ok(Self { child, index })
+    }
+}
+
+/// Limits what the compiler can use even if this process is killed.
+#[cfg(target_os = "linux")]
+fn confine(child: &Child, limit: Duration) {
+    use rustix::process::{Pid, Resource, Rlimit, prlimit};
+    let of = |most| Rlimit { current: Some(most), maximum: Some(most) };
+    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+    for (resource, most) in [(Resource::Cpu, limit.as_secs() + 1), (Resource::As, MAX_MEMORY)] {
+        // A user may have set lower limits, which cannot be raised.
+        let _ = prlimit(pid, resource, of(most));
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn confine(_: &Child, _: Duration) {}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.child.kill();
+        #[cfg(unix)]
+        {
+            use rustix::process::{Pid, Signal, kill_process_group};
+            let group = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+            let _ = group.map(|group| kill_process_group(group, Signal::KILL));
+        }
+        let _ = self.child.wait();
+    }
+}
+
+/// The file with the output of a call.
+fn output(folder: &Path, index: usize) -> std::path::PathBuf {
+    folder.join(format!("{index}.txt"))
+}
+
+/// The output of a call, without control characters.
+fn read_output(folder: &Path, index: usize) -> String {
+    let bytes = fs::read(output(folder, index)).unwrap_or_default();
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_OUTPUT)]);
+    let lines = text.lines().map(|line| plain(line.trim_end(), MAX_LINE) + "\n");
+    lines.collect()
+}
+
+/// Makes the calls, several at a time, and returns their commands with what they print. `folder` is for their output.
+///
+/// # Errors
+/// A call fails, or exceeds the limits.
+pub fn run(
+    mut calls: Vec<Call>,
+    folder: &Path,
+    control: &CompileControl<'_>,
+    deadline: Instant,
+) -> Result<String, CompileError> {
+    let most = thread::available_parallelism().map_or(1, |count| count.get());
+    let (mut running, mut started) = (Vec::<Running>::new(), 0);
+    while started < calls.len() || !running.is_empty() {
+        while started < calls.len() && running.len() < most {
+            let call = &mut calls[started];
+            running.push(Running::start(call, started, folder, control.time_limit)?);
+            started += 1;
+        }
+        let mut is_waiting = true;
+        for at in (0..running.len()).rev() {
+            let status = running[at].child.try_wait();
+            if let Some(status) = status.map_err(|error| CompileError::Unusable(error.into()))? {
+                let index = running.swap_remove(at).index;
+                is_waiting = false;
+                if !status.success() {
+                    return Err(failed(&calls[index], read_output(folder, index), status));
+                }
+            }
+        }
+        if (control.is_cancelled)() {
+            return Err(CompileError::Cancelled);
+        }
+        if Instant::now() > deadline {
+            return Err(CompileError::TimedOut(control.time_limit.as_secs()));
+        }
+        if is_waiting {
+            thread::sleep(PERIOD);
+        }
+    }
+    let calls = calls.iter().enumerate();
+    Ok(calls.map(|(i, call)| format!("{}\n{}", call.line(), read_output(folder, i))).collect())
+}
+
+/// The error of a call, with the first lines that it printed; from the first error on, if that is later.
+fn failed(call: &Call, output: String, status: std::process::ExitStatus) -> CompileError {
+    let lines = Vec::from_iter(output.lines());
+    let first = lines.iter().position(|line| line.contains("error"));
+    let first = first.unwrap_or(0).saturating_sub(MESSAGE_LINES / 4);
+    let mut kept = Vec::from_iter(lines.iter().skip(first).take(MESSAGE_LINES).copied());
+    let more = format!("and {} more lines", lines.len().saturating_sub(first + kept.len()));
+    if lines.len() > first + kept.len() {
+        kept.push(&more);
+    }
+    let ended = status.to_string();
+    if kept.is_empty() {
+        kept.push(&ended);
+    }
+    CompileError::Failed { file: call.file.clone(), command: call.line(), message: kept.join("\n") }
+}
