@@ -31,7 +31,8 @@
 //! | `callback: [Option<T>]` | a function, or NULL | `T callback` |
 //! | `value: T` | anything else | `T value` |
 //!
-//! [`c_type!`] turns the second part into the type in C.
+//! [`c_type!`] turns the second part into the type in C. Programs that generate code in another language
+//! find the arguments as data in [`fmi2::SIGNATURES`] and [`fmi3::SIGNATURES`].
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -56,7 +57,29 @@ macro_rules! c_type {
     ($type:ty) => { $type };
 }
 
-/// Turns the rows of a version of FMI into `Functions`, `calls` and `FUNCTIONS`.
+/// The [`Argument`] that a row has under a name, such as `values` and `[in f64; n]`; see the [crate].
+macro_rules! argument {
+    ($name:ident [in? $type:ty; $length:ident]) => { $crate::argument!($name [in $type; $length]) };
+    ($name:ident [in $type:ty; $length:ident]) => {
+        $crate::argument!(@ $name InArray { element: stringify!($type), length: stringify!($length) })
+    };
+    ($name:ident [out? $type:ty; $length:ident]) => { $crate::argument!($name [out $type; $length]) };
+    ($name:ident [out $type:ty; $length:ident]) => {
+        $crate::argument!(@ $name OutArray { element: stringify!($type), length: stringify!($length) })
+    };
+    ($name:ident [out? $type:ty]) => { $crate::argument!($name [out $type]) };
+    ($name:ident [out $type:ty]) => { $crate::argument!(@ $name Out(stringify!($type))) };
+    ($name:ident [len]) => { $crate::argument!(@ $name Length) };
+    ($name:ident [*const $type:ty]) => { $crate::argument!(@ $name Pointer(stringify!($type))) };
+    ($name:ident [Option<$type:ty>]) => { $crate::argument!(@ $name Callback(stringify!($type))) };
+    (@ $name:ident $($kind:tt)*) => {
+        $crate::Argument { name: stringify!($name), kind: $crate::ArgumentKind::$($kind)* }
+    };
+    ($name:ident $type:ty) => { $crate::argument!(@ $name Value(stringify!($type))) };
+}
+pub(crate) use argument;
+
+/// Turns the rows of a version of FMI into `Functions`, `calls`, `FUNCTIONS` and `SIGNATURES`.
 macro_rules! define {
     (
         $instance:ident $status:ident
@@ -92,6 +115,20 @@ macro_rules! define {
         pub const FUNCTIONS: &[($crate::FmiFunction, &str)] = &[
             $(($crate::FmiFunction::free(stringify!($free)), stringify!($free_operation)),)*
             $($((calls::$name, stringify!($operation)),)*)*
+        ];
+
+        /// All functions with their arguments. Those of instances have the instance as another one, before these.
+        pub const SIGNATURES: &[$crate::Signature] = &[
+            $($crate::Signature {
+                function: $crate::FmiFunction::free(stringify!($free)),
+                has_instance: false,
+                arguments: &[$($crate::argument!($free_arg $free_kind)),*],
+            },)*
+            $($($crate::Signature {
+                function: calls::$name,
+                has_instance: true,
+                arguments: &[$($crate::argument!($arg $kind)),*],
+            },)*)*
         ];
     };
 }
@@ -132,6 +169,14 @@ impl FmiVersion {
         match self {
             Self::Fmi2 => fmi2::FUNCTIONS,
             Self::Fmi3 => fmi3::FUNCTIONS,
+        }
+    }
+
+    /// The functions of this version with their arguments.
+    pub const fn signatures(self) -> &'static [Signature] {
+        match self {
+            Self::Fmi2 => fmi2::SIGNATURES,
+            Self::Fmi3 => fmi3::SIGNATURES,
         }
     }
 
@@ -200,4 +245,53 @@ impl FmiFunction {
     pub const fn is_allowed(&self, state: State) -> bool {
         self.states & state as u16 != 0
     }
+}
+
+/// A function with its arguments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Signature {
+    /// The function.
+    pub function: FmiFunction,
+    /// Whether it is a call of an instance, which is its first argument, and returns a status.
+    pub has_instance: bool,
+    /// The arguments that its row lists.
+    pub arguments: &'static [Argument],
+}
+
+/// An argument of a function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Argument {
+    /// Its name in the row.
+    pub name: &'static str,
+    /// What it is.
+    pub kind: ArgumentKind,
+}
+
+/// What an argument is. Types have their names in the row, such as `f64` or `fmi3String`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ArgumentKind {
+    /// An array that the FMU reads.
+    InArray {
+        /// The type of its elements.
+        element: &'static str,
+        /// The argument with their number.
+        length: &'static str,
+    },
+    /// An array that the FMU writes.
+    OutArray {
+        /// The type of its elements.
+        element: &'static str,
+        /// The argument with their number.
+        length: &'static str,
+    },
+    /// The length of arrays.
+    Length,
+    /// A variable of this type that the FMU writes.
+    Out(&'static str),
+    /// A pointer to a constant of this type.
+    Pointer(&'static str),
+    /// A function of this type, or NULL.
+    Callback(&'static str),
+    /// A value of this type.
+    Value(&'static str),
 }
