@@ -1,0 +1,520 @@
+//! The interface of an FMU in C sources: a file with the functions of the standard, which call the translated model.
+//!
+//! The functions of an instance are generated from the rows of `fmi-abi`. What needs no rows is C text in the folder
+//! `c`, where `fmiX` and `FMIX` stand for the version.
+
+use std::fmt::Write;
+
+use fmi_abi::{Argument, ArgumentKind, FunctionGroup, Signature};
+use fmu_description::FmiVersion;
+
+/// What the file depends on.
+pub struct Interface<'a> {
+    /// The version of FMI.
+    pub version: FmiVersion,
+    /// The model identifier, from which the functions have their prefix.
+    pub identifier: &'a str,
+    /// Whether the functions of model exchange are left out.
+    pub is_for_co_simulation_only: bool,
+    /// Whether states of the model can be serialized.
+    pub is_serialized: bool,
+    /// The names of the functions that the model imports.
+    pub imports: &'a [&'a str],
+}
+
+/// Memory for the arguments of a call (bytes) that an instance has at hand: enough for ten numbers.
+const ARGUMENTS: usize = 128;
+
+/// Text of both versions, or of one.
+macro_rules! text {
+    ($name:literal) => {
+        include_str!(concat!("c/", $name, ".c"))
+    };
+}
+
+impl Interface<'_> {
+    /// The name of the file.
+    pub fn file_name(&self) -> &'static str {
+        match self.version {
+            FmiVersion::Fmi2 => "fmi2.c",
+            FmiVersion::Fmi3 => "fmi3.c",
+        }
+    }
+
+    /// The text of the file.
+    pub fn text(&self) -> String {
+        let is_fmi2 = self.version == FmiVersion::Fmi2;
+        let of_version = |fmi2, fmi3| if is_fmi2 { fmi2 } else { fmi3 };
+        let imports = |name| self.imports.contains(&name);
+        let mut parts = vec![text!("head"), of_version(text!("fmi2_types"), text!("fmi3_types"))];
+        let names = self.names();
+        parts.extend([names.as_str(), of_version(text!("fmi2_host"), text!("fmi3_host"))]);
+        parts.extend([text!("runtime"), of_version("", text!("fmi3_arguments"))]);
+        if is_fmi2 && !self.is_for_co_simulation_only {
+            parts.push(text!("fmi2_events"));
+        }
+        parts.push(text!("states"));
+        if !is_fmi2 && imports("intermediate_update") {
+            parts.push(text!("fmi3_update"));
+        }
+        parts.push(text!("instantiate"));
+        parts.push(of_version(text!("fmi2_instantiate"), text!("fmi3_instantiate")));
+        self.fill_in(&parts.concat()) + &self.functions()
+    }
+
+    /// Replaces what the text leaves open.
+    fn fill_in(&self, text: &str) -> String {
+        let of_version = |fmi2, fmi3| if self.version == FmiVersion::Fmi2 { fmi2 } else { fmi3 };
+        let operation = |name| self.version.function(name).unwrap_or_default();
+        let replacements = [
+            ("@VERSION@", self.version.as_str()),
+            ("@MODEL@", self.identifier),
+            ("@PREFIX@", &format!("{}_", self.identifier)),
+            ("@ARGUMENTS@", &ARGUMENTS.to_string()),
+            ("@IS_SERIALIZED@", if self.is_serialized { "1" } else { "0" }),
+            ("@FREE_STATE@", operation("free_fmu_state")),
+            ("@DESERIALIZE_STATE@", operation("deserialize_fmu_state")),
+            ("@SIZE_OF_STATE@", operation("serialized_fmu_state_size")),
+            ("@SERIALIZE_STATE@", operation("serialize_fmu_state")),
+            ("FMIX", of_version("FMI2", "FMI3")),
+            ("fmiX", of_version("fmi2", "fmi3")),
+        ];
+        let fill = |text: String, (open, value): (&str, &str)| text.replace(open, value);
+        replacements.into_iter().fold(text.to_owned(), fill)
+    }
+
+    /// The functions in the file.
+    fn signatures(&self) -> impl Iterator<Item = &'static Signature> {
+        let leaves_out = self.is_for_co_simulation_only;
+        let all = self.version.signatures().iter();
+        all.filter(move |s| !leaves_out || s.function.group != FunctionGroup::ModelExchange)
+    }
+
+    /// The macros that give functions their names with the prefix.
+    fn names(&self) -> String {
+        let mut text = String::new();
+        for Signature { function, .. } in self.signatures() {
+            let name = function.name;
+            let _ = writeln!(text, "#define {name} fmiXFullName({name})");
+        }
+        text + "\n#endif\n\n"
+    }
+
+    /// The functions that have an instance.
+    fn functions(&self) -> String {
+        let mut text = String::new();
+        let mut group = None;
+        for signature in self.signatures().filter(|signature| signature.has_instance) {
+            if group.replace(signature.function.group) != Some(signature.function.group) {
+                let what = match signature.function.group {
+                    FunctionGroup::All => "all types of FMUs",
+                    FunctionGroup::ModelExchange => "model exchange",
+                    FunctionGroup::CoSimulation => "co-simulation",
+                    FunctionGroup::ScheduledExecution => "scheduled execution",
+                };
+                let title = format!("/* --- Functions of {what} ");
+                let _ = writeln!(text, "{title:-<103} */\n");
+            }
+            text += &Function { version: self.version, signature }.text();
+        }
+        text
+    }
+}
+
+/// A function of an instance.
+struct Function {
+    version: FmiVersion,
+    signature: &'static Signature,
+}
+
+impl Function {
+    fn text(&self) -> String {
+        let FmiFunctionNames { prefix, export, instance } = FmiFunctionNames::of(self.version);
+        let name = self.signature.function.name;
+        let mut parameters = vec![format!("{instance} instance")];
+        parameters.extend(self.arguments().map(|argument| self.parameter(argument)));
+        let head = format!("{export} {prefix}Status {name}(");
+        let body = match self.is_unsupported() {
+            true => self.refusal(),
+            false => self.call(),
+        };
+        let call = format!("    Call call = {{instance, \"{name}\", {prefix}Error, 0}};\n");
+        format!(
+            "{}\n{{\n{call}{body}    return call.status;\n}}\n\n",
+            wrapped(&head, &parameters, ")")
+        )
+    }
+
+    fn arguments(&self) -> impl Iterator<Item = &'static Argument> {
+        self.signature.arguments.iter()
+    }
+
+    /// Whether the models have no such ability.
+    fn is_unsupported(&self) -> bool {
+        self.signature.function.states == 0
+    }
+
+    /// The declaration of an argument.
+    fn parameter(&self, Argument { name, kind }: &Argument) -> String {
+        match *kind {
+            ArgumentKind::InArray { element, .. } => {
+                format!("const {} {name}[]", self.c_type(name, element))
+            }
+            ArgumentKind::OutArray { element, .. } => {
+                format!("{} {name}[]", self.c_type(name, element))
+            }
+            ArgumentKind::Length => format!("size_t {name}"),
+            ArgumentKind::Out(of) => format!("{} *{name}", self.c_type(name, of)),
+            ArgumentKind::Pointer(to) => format!("const {} *{name}", self.c_type(name, to)),
+            ArgumentKind::Callback(of) | ArgumentKind::Value(of) => {
+                format!("{} {name}", self.c_type(name, of))
+            }
+        }
+    }
+
+    /// The type in C, by the name that the standard has for it.
+    fn c_type(&self, argument: &str, in_row: &str) -> String {
+        let prefix = FmiFunctionNames::of(self.version).prefix;
+        let name = match (self.version, in_row) {
+            (_, "usize") => return "size_t".into(),
+            (_, "u32") if argument != "values" => "ValueReference",
+            (FmiVersion::Fmi2, "f64") => "Real",
+            (FmiVersion::Fmi2, "i32") => "Integer",
+            (_, "f32") => "Float32",
+            (_, "f64") => "Float64",
+            (_, "i8") => "Int8",
+            (_, "u8") if argument == "bytes" => "Byte",
+            (_, "u8") => "UInt8",
+            (_, "i16") => "Int16",
+            (_, "u16") => "UInt16",
+            (_, "i32") => "Int32",
+            (_, "u32") => "UInt32",
+            (_, "i64") => "Int64",
+            (_, "u64") => "UInt64",
+            (_, named) => return named.into(),
+        };
+        format!("{prefix}{name}")
+    }
+
+    /// The body of a function that no model has.
+    fn refusal(&self) -> String {
+        let mut text: String =
+            self.arguments().map(|argument| format!("    (void){};\n", argument.name)).collect();
+        let zeros = vec!["0".to_owned(); self.signature.arguments.len()];
+        text += "    if (enter(&call, 0))\n";
+        text += &match self.signature.function.group {
+            FunctionGroup::ScheduledExecution => {
+                "        refuse(&call, NO_SCHEDULED_EXECUTION);\n".to_owned()
+            }
+            _ => format!("{};\n", self.call_of_model(8, zeros)),
+        };
+        text
+    }
+
+    /// The body of a function that calls the model.
+    fn call(&self) -> String {
+        let passed: Vec<Passed> = self.arguments().map(|argument| self.passed(argument)).collect();
+        let mut text = String::new();
+        let states: Vec<_> = passed.iter().filter_map(|passed| passed.state).collect();
+        for state in &states {
+            let _ = writeln!(text, "    uint32_t {state}_at;");
+            let _ = writeln!(text, "    if (!in_state(&call, {state}, &{state}_at))");
+            let _ = writeln!(text, "        return call.status;");
+        }
+        let space: Vec<&str> = passed.iter().filter_map(|passed| passed.space.as_deref()).collect();
+        let sum = if space.is_empty() { "0".to_owned() } else { space.join(" + ") };
+        let mut body = String::new();
+        for Passed { before, .. } in &passed {
+            body.extend(before.iter().map(|line| format!("        {line}\n")));
+        }
+        let values = passed.iter().map(|passed| passed.value.clone()).collect();
+        let call = self.call_of_model(8, values);
+        let (alive, ok): (Vec<_>, Vec<_>) =
+            passed.iter().filter_map(|passed| passed.after.as_ref()).partition(|a| a.is_always);
+        match alive.is_empty() {
+            true => body += &format!("{call};\n"),
+            false => {
+                let _ = writeln!(body, "        if ({}) {{", call.trim_start());
+                body.extend(alive.iter().map(|after| format!("            {}\n", after.line)));
+                body += "        }\n";
+            }
+        }
+        if !ok.is_empty() {
+            let prefix = FmiFunctionNames::of(self.version).prefix;
+            let lines: String =
+                ok.iter().map(|after| format!("            {}\n", after.line)).collect();
+            match ok.len() {
+                1 => {
+                    let _ = write!(body, "        if (call.status == {prefix}OK)\n{lines}");
+                }
+                _ => {
+                    let _ = write!(
+                        body,
+                        "        if (call.status == {prefix}OK) {{\n{lines}        }}\n"
+                    );
+                }
+            }
+        }
+        for state in states {
+            let _ = writeln!(body, "        end_state(&call, {state}_at);");
+        }
+        match body.lines().count() {
+            1 => text + &format!("    if (enter(&call, {sum}))\n{body}"),
+            _ => text + &format!("    if (enter(&call, {sum})) {{\n{body}    }}\n"),
+        }
+    }
+
+    /// The call of the model's function, which ends the call of the host.
+    fn call_of_model(&self, indent: usize, values: Vec<String>) -> String {
+        let mut all = vec!["&call.instance->model".to_owned(), "call.instance->handle".to_owned()];
+        all.extend(values);
+        let head =
+            format!("{}leave(&call, MODEL({})(", " ".repeat(indent), self.signature.function.name);
+        wrapped(&head, &all, "))")
+    }
+
+    /// How an argument is passed to the model.
+    fn passed(&self, Argument { name, kind }: &Argument) -> Passed {
+        let size = format!("sizeof *{name}");
+        let at = format!("{name}_at");
+        let declare = |how: String| vec![format!("const uint32_t {at} = {how};")];
+        let always = |line: String| Some(After { line, is_always: true });
+        let if_ok = |line: String| Some(After { line, is_always: false });
+        let sizes = self.arguments().find(|argument| argument.name == "sizes").map(|_| "sizes");
+        let (space, before, after) = match *kind {
+            ArgumentKind::Length | ArgumentKind::Value("fmi2StatusKind") => {
+                return Passed::value(format!("(uint32_t){name}"));
+            }
+            ArgumentKind::Value("fmi2FMUstate" | "fmi3FMUState") => {
+                return Passed { state: Some(name), ..Passed::value(at) };
+            }
+            ArgumentKind::Value("fmi2Boolean" | "fmi3Boolean") => {
+                return Passed::value(format!("{name} != 0"));
+            }
+            ArgumentKind::Value(_) | ArgumentKind::Pointer(_) | ArgumentKind::Callback(_) => {
+                return Passed::value((*name).to_owned());
+            }
+            ArgumentKind::InArray { element: "fmi2String" | "fmi3String", length } => (
+                format!("space_of_strings({name}, {length})"),
+                format!("in_strings(&call, {name}, {length})"),
+                None,
+            ),
+            ArgumentKind::OutArray { element: "fmi2String" | "fmi3String", length } => (
+                format!("space({length}, 4)"),
+                format!("out_array(&call, {name}, {length}, 4)"),
+                if_ok(format!("get_strings(&call, {at}, {name}, {length});")),
+            ),
+            ArgumentKind::InArray { element: "fmi3Binary", length } => {
+                let sizes = sizes.unwrap_or("NULL");
+                (
+                    format!("space_of_binaries({sizes}, {name}, {length})"),
+                    format!("in_binaries(&call, {sizes}, {name}, {length})"),
+                    None,
+                )
+            }
+            ArgumentKind::OutArray { element: "fmi3Binary", length } => (
+                format!("space({length}, 4)"),
+                format!("out_array(&call, {name}, {length}, 4)"),
+                if_ok(format!("get_binaries(&call, {at}, {name}, {length});")),
+            ),
+            ArgumentKind::InArray { element: "usize", length } => {
+                (format!("space({length}, 4)"), format!("in_sizes(&call, {name}, {length})"), None)
+            }
+            ArgumentKind::OutArray { element: "usize", length } => (
+                format!("space({length}, 4)"),
+                format!("out_array(&call, {name}, {length}, 4)"),
+                if_ok(format!("get_sizes(&call, {at}, {name}, {length});")),
+            ),
+            ArgumentKind::InArray { length, .. } => (
+                format!("space({length}, {size})"),
+                format!("in_array(&call, {name}, {length}, {size})"),
+                None,
+            ),
+            ArgumentKind::OutArray { length, .. } => (
+                format!("space({length}, {size})"),
+                format!("out_array(&call, {name}, {length}, {size})"),
+                if_ok(format!("get_array(&call, {at}, {name}, {length}, {size});")),
+            ),
+            ArgumentKind::Out("usize") => (
+                "space(1, 4)".into(),
+                format!("out_array(&call, {name}, 1, 4)"),
+                if_ok(format!("get_sizes(&call, {at}, {name}, 1);")),
+            ),
+            ArgumentKind::Out("fmi2String") => (
+                "space(1, 4)".into(),
+                format!("out_array(&call, {name}, 1, 4)"),
+                if_ok(format!("get_strings(&call, {at}, {name}, 1);")),
+            ),
+            ArgumentKind::Out("fmi2Status") => (
+                "space(1, 4)".into(),
+                format!("out_array(&call, {name}, 1, 4)"),
+                if_ok(format!(
+                    "*{name} = (fmi2Status)model_load_u32(&call.instance->model, {at});"
+                )),
+            ),
+            ArgumentKind::Out("fmi2EventInfo") => (
+                "space(4, 8)".into(),
+                format!("in_event_info(&call, {name})"),
+                if_ok(format!("get_event_info(&call, {at}, {name});")),
+            ),
+            ArgumentKind::Out("fmi2FMUstate" | "fmi3FMUState") => (
+                "space(1, 4)".into(),
+                format!("in_state_variable(&call, {name})"),
+                if_ok(format!("get_state_variable(&call, {at}, {name});")),
+            ),
+            // A function may set its results though it fails.
+            ArgumentKind::Out(_) => (
+                format!("space(1, {size})"),
+                format!("in_array(&call, {name}, 1, {size})"),
+                always(format!("get_array(&call, {at}, {name}, 1, {size});")),
+            ),
+        };
+        Passed { space: Some(space), before: declare(before), after, ..Passed::value(at) }
+    }
+}
+
+/// How an argument is passed.
+struct Passed {
+    /// What it is for the model.
+    value: String,
+    /// The room that it takes in the memory of the model.
+    space: Option<String>,
+    /// Lines before the call.
+    before: Vec<String>,
+    after: Option<After>,
+    /// The name of an argument that is a state, which is passed first.
+    state: Option<&'static str>,
+}
+
+impl Passed {
+    fn value(value: String) -> Self {
+        Self { value, space: None, before: Vec::new(), after: None, state: None }
+    }
+}
+
+/// What returns a result to the host.
+struct After {
+    line: String,
+    /// Whether also after an error.
+    is_always: bool,
+}
+
+/// Names that depend on the version.
+struct FmiFunctionNames {
+    prefix: &'static str,
+    export: &'static str,
+    instance: &'static str,
+}
+
+impl FmiFunctionNames {
+    fn of(version: FmiVersion) -> Self {
+        match version {
+            FmiVersion::Fmi2 => {
+                Self { prefix: "fmi2", export: "FMI2_Export", instance: "fmi2Component" }
+            }
+            FmiVersion::Fmi3 => {
+                Self { prefix: "fmi3", export: "FMI3_Export", instance: "fmi3Instance" }
+            }
+        }
+    }
+}
+
+/// A list with commas, in lines of the usual width.
+fn wrapped(head: &str, items: &[String], end: &str) -> String {
+    const WIDTH: usize = 115;
+    let indent = head.len();
+    let (mut text, mut column) = (head.to_owned(), head.len());
+    for (i, item) in items.iter().enumerate() {
+        let last = i + 1 == items.len();
+        let piece = if last { format!("{item}{end}") } else { format!("{item},") };
+        if i > 0 && column + 1 + piece.len() > WIDTH {
+            let _ = write!(text, "\n{}", " ".repeat(indent));
+            column = indent;
+        } else if i > 0 {
+            text.push(' ');
+            column += 1;
+        }
+        text += &piece;
+        column += piece.len();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    fn interface(version: FmiVersion, is_for_co_simulation_only: bool) -> Interface<'static> {
+        Interface {
+            version,
+            identifier: "Pid",
+            is_for_co_simulation_only,
+            is_serialized: true,
+            imports: &["log", "intermediate_update"],
+        }
+    }
+
+    #[test]
+    fn every_row_is_a_function() {
+        for version in FmiVersion::ALL {
+            let (all, some) = (interface(version, false).text(), interface(version, true).text());
+            for Signature { function, .. } in version.signatures() {
+                let definition = format!(" {}(", function.name);
+                let is_defined = |text: &str| {
+                    text.contains(&definition) || text.contains(&definition.replace(' ', " *"))
+                };
+                assert!(is_defined(&all), "{}", function.name);
+                let is_there = function.group != FunctionGroup::ModelExchange;
+                assert_eq!(is_defined(&some), is_there, "{}", function.name);
+            }
+        }
+    }
+
+    /// A header as the translation of a model has it.
+    fn header(version: FmiVersion) -> String {
+        let declared = version.signatures().iter().filter(|signature| signature.has_instance);
+        let declared = declared.map(|Signature { function, arguments, .. }| {
+            let types = arguments.iter().map(|argument| match argument.kind {
+                ArgumentKind::Value("f64") => ", double",
+                _ => ", uint32_t",
+            });
+            format!(
+                "uint32_t MODEL({})(Model *, uint32_t{});\n",
+                function.name,
+                types.collect::<String>()
+            )
+        });
+        include_str!("../../../wasm-to-c/src/model.h")
+            .replace("@PREFIX@", "Pid_model_")
+            .replace("@MEMORY_SIZE@", "131072")
+            .replace("@GLOBALS@", "")
+            .replace("@IMPORTS@", "void MODEL(import_log)(Model *, uint32_t, uint32_t, uint32_t);\n\
+                uint32_t MODEL(import_intermediate_update)(Model *, double, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t);")
+            .replace("@EXPORTS@", &(declared.collect::<String>() + "uint32_t MODEL(fmu_arguments)(Model *, uint32_t);\n\
+                uint32_t MODEL(fmu_instantiate)(Model *, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t);\n\
+                void MODEL(fmu_free)(Model *, uint32_t);"))
+    }
+
+    #[test]
+    fn a_compiler_has_no_warnings() {
+        let folder = tempfile::tempdir().unwrap();
+        let compile = |file: &str, options: &[&str]| {
+            let mut command = Command::new("cc");
+            command.args(["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]);
+            let done = command.args(options).arg(file).current_dir(&folder).output().unwrap();
+            assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        };
+        for version in FmiVersion::ALL {
+            std::fs::write(folder.path().join("model.h"), header(version)).unwrap();
+            for is_for_co_simulation_only in [false, true] {
+                let interface = interface(version, is_for_co_simulation_only);
+                let file = interface.file_name();
+                std::fs::write(folder.path().join(file), interface.text()).unwrap();
+                compile(file, &[]);
+                compile(file, &["-DFMU_STATIC_INSTANCES=2"]);
+            }
+        }
+    }
+}

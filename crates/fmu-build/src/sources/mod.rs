@@ -1,0 +1,5 @@
+//! FMUs as C sources.
+
+mod interface;
+
+pub use interface::Interface;
