@@ -81,13 +81,11 @@ impl Needs {
         const SMALL: usize = 12 << 10;
         /// The instance, its start values, the state before a step, and two states that the host saves.
         const COPIES: usize = 5;
-        /// What the interface in C uses for short calls without asking for it.
-        const AT_HAND: usize = 128;
         /// The vectors of a solver.
         const VECTORS: usize = 16;
         let info = &LaidOut::<M, N>::INFO;
         let solved = info.states.len() + info.event_indicators.len();
-        let arguments = AT_HAND + info.end as usize * (size_of::<u32>() + size_of::<f64>());
+        let arguments = 64 + info.end as usize * (size_of::<u32>() + size_of::<f64>());
         Self {
             name: M::NAME,
             arguments,
