@@ -17,23 +17,22 @@ const SEPARATOR: &str = "\x1f";
 pub const RELEASE: &str = "release";
 
 /// An FMU binary is small and fast, without the symbols of Rust. What a host calls at every step is
-/// compiled with the model; the rest of its libraries is optimized for size. The second value is for
-/// components, in which a call costs more than inlining saves.
-const DEFAULTS: [(&str, [&str; 2]); 6] = [
-    ("lto", ["'fat'"; 2]),
-    ("codegen-units", ["1"; 2]),
-    ("strip", ["'symbols'"; 2]),
-    ("opt-level", ["3", "'s'"]),
-    ("package.fmu-export.opt-level", ["'s'", "'z'"]),
-    ("package.fmu-description.opt-level", ["'s'", "'z'"]),
+/// compiled with the model; the rest of its libraries is optimized for size. The values are for each [`Product`]: in a
+/// component, a call costs more than inlining saves, and C sources have the names of functions.
+const DEFAULTS: [(&str, [&str; 3]); 6] = [
+    ("lto", ["'fat'"; 3]),
+    ("codegen-units", ["1"; 3]),
+    ("strip", ["'symbols'", "'symbols'", "'debuginfo'"]),
+    ("opt-level", ["3", "'s'", "3"]),
+    ("package.fmu-export.opt-level", ["'s'", "'z'", "'s'"]),
+    ("package.fmu-description.opt-level", ["'s'", "'z'", "'s'"]),
 ];
 
-/// Arguments of cargo's option `--config` for a release, of libraries and of components: what the workspace does
-/// not set itself.
+/// Arguments of cargo's option `--config` for a release of each [`Product`]: what the workspace does not set itself.
 ///
 /// # Errors
 /// The manifest of the workspace cannot be read.
-pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<[Vec<String>; 2]> {
+pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<[Vec<String>; 3]> {
     if profile != RELEASE {
         return Ok(Default::default());
     }
@@ -46,10 +45,21 @@ pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<[Vec<Strin
     let is_set = |key: &str| own.and_then(|own| key.split('.').try_fold(own, toml::Value::get));
     let missing = DEFAULTS.into_iter().filter(|(key, _)| is_set(key).is_none());
     let settings = |i: usize| {
-        let setting = |(key, values): (_, [_; 2])| format!("profile.{RELEASE}.{key}={}", values[i]);
+        let setting = |(key, values): (_, [_; 3])| format!("profile.{RELEASE}.{key}={}", values[i]);
         missing.clone().map(setting).collect()
     };
-    Ok([0, 1].map(settings))
+    Ok([0, 1, 2].map(settings))
+}
+
+/// What is made of a library.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Product {
+    /// A shared library.
+    Library,
+    /// A WebAssembly component.
+    Component,
+    /// C sources.
+    Sources,
 }
 
 /// What happens during an export, as text.

@@ -212,8 +212,8 @@ struct Builder<'a> {
     metadata: &'a Metadata,
     /// The output folder.
     out: &'a Path,
-    /// Settings of the profile that the workspace does not make itself, for libraries and components.
-    profile: &'a [Vec<String>; 2],
+    /// Settings of the profile that the workspace does not make itself, for each [`Product`](cargo::Product).
+    profile: &'a [Vec<String>; 3],
     version: FmiVersion,
     targets: Vec<BuildTarget>,
     prebuilt: Vec<PlatformBinary<'a>>,
@@ -356,9 +356,9 @@ impl<'a> Builder<'a> {
             .args(["--package", &library.package])
             .args(self.options.selection.cargo_arguments());
         if !self.options.is_for_trial {
-            let settings = &self.profile[usize::from(recipe.is_for_component())];
+            let settings = &self.profile[recipe.product() as usize];
             build
-                .args(["--features", &library.feature(self.version)])
+                .args(["--features", &library.features(self.version, recipe.product())])
                 .args(settings.iter().flat_map(|setting| ["--config", setting]))
                 .without_local_paths(self.metadata, recipe.sources().as_deref());
         }

@@ -8,7 +8,7 @@ use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
 use clap::Args;
 use fmu_description::{FmiVersion, Naming, Origin};
 
-use crate::cargo::RELEASE;
+use crate::cargo::{Product, RELEASE};
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
 use crate::guid::GuidBasis;
 
@@ -243,13 +243,17 @@ fn naming(package: &Package) -> Result<Option<Naming>> {
 }
 
 impl ModelLibrary {
-    /// The feature for a library with the functions of one version of FMI only.
-    pub fn feature(&self, version: FmiVersion) -> String {
-        let feature = match version {
+    /// The features for a product with the functions of one version of FMI only.
+    pub fn features(&self, version: FmiVersion, product: Product) -> String {
+        let dependency = &self.dependency;
+        let version = match version {
             FmiVersion::Fmi2 => "fmi2",
             FmiVersion::Fmi3 => "fmi3",
         };
-        format!("{}/{feature}", self.dependency)
+        match product {
+            Product::Library | Product::Component => format!("{dependency}/{version}"),
+            Product::Sources => format!("{dependency}/{version},{dependency}/sources"),
+        }
     }
 
     /// Whether a source file mentions one of the names as a word: a library that does is likely to have

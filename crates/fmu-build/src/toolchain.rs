@@ -11,7 +11,7 @@ use clap::ValueEnum;
 use fmu_description::FmiVersion;
 use fmu_file::platform::{Platform, TARGET_WASM, UNIVERSAL};
 
-use crate::cargo::Build;
+use crate::cargo::{Build, Product};
 use crate::missing::Missing;
 use crate::triple;
 
@@ -48,6 +48,8 @@ pub struct BuildTarget {
 
 /// How a binary for one processor and system is built.
 pub struct Recipe {
+    /// What its binary becomes.
+    product: Product,
     /// The target name for cargo or cargo-zigbuild.
     target: String,
     /// Whether it is passed to cargo as `--target`; otherwise cargo builds for this machine.
@@ -67,6 +69,7 @@ impl BuildTarget {
         Ok(Self {
             platforms: Platform::of_target(&host, version)?,
             recipes: vec![Recipe {
+                product: Product::Library,
                 target: host,
                 is_named: false,
                 toolchain: Toolchain::active(),
@@ -116,7 +119,14 @@ impl Recipe {
         if triple == WASM && !toolchain.has_lld() && !runs(WASM_LD) {
             missing.program(WASM_LD, TARGET_WASM, "apt-get install lld    # LLD, of LLVM".into());
         }
-        Self { target: target.to_owned(), is_named: true, toolchain, std_from_source, by_zig }
+        let product = if triple == WASM { Product::Component } else { Product::Library };
+        let target = target.to_owned();
+        Self { product, target, is_named: true, toolchain, std_from_source, by_zig }
+    }
+
+    /// The recipe for the module that is translated to C. What this machine lacks for it is added to `missing`.
+    pub fn for_sources(missing: &mut Missing) -> Self {
+        Self { product: Product::Sources, ..Self::new(WASM, missing) }
     }
 
     /// Whether the target was asked for by name.
@@ -142,12 +152,12 @@ impl Recipe {
         if is_apple(&self.target) {
             build.env("MACOSX_DEPLOYMENT_TARGET", MACOS);
         }
-        // Whatever the profile says: an abort would end the host, but not that of a component.
+        // Whatever the profile says: an abort would end the host, but not that of a component or of C sources.
         build.rustflags([format!("-Cpanic={}", self.panic())]);
         if self.has_unwinder_in_library() {
             build.rustflags(["--cfg=fmu_export_no_backtrace".to_owned()]);
         }
-        if self.is_for_component() && !self.toolchain.has_lld() {
+        if self.is_for_wasm() && !self.toolchain.has_lld() {
             build.rustflags([format!("-Clinker={WASM_LD}")]);
         }
         if self.std_from_source {
@@ -169,14 +179,18 @@ impl Recipe {
         Build::for_trial(self.toolchain.program("cargo"), title, profile)
     }
 
-    /// Whether its binary becomes a component.
-    pub fn is_for_component(&self) -> bool {
+    /// What its binary becomes.
+    pub fn product(&self) -> Product {
+        self.product
+    }
+
+    fn is_for_wasm(&self) -> bool {
         self.target == WASM
     }
 
     /// What a panic does. WebAssembly has no unwinder.
     fn panic(&self) -> &'static str {
-        if self.is_for_component() { "abort" } else { "unwind" }
+        if self.is_for_wasm() { "abort" } else { "unwind" }
     }
 
     /// Whether the functions that unwind the stack are in a library of the system, and not linked into the
@@ -392,6 +406,7 @@ mod tests {
 
     fn recipe(target: &str, by_zig: bool) -> Recipe {
         Recipe {
+            product: Product::Library,
             target: target.into(),
             is_named: true,
             toolchain: Toolchain::active(),

@@ -261,7 +261,7 @@ macro_rules! export_to_wasm {
             use ::core::ffi::{c_char, c_int, c_void};
             use ::core::mem::MaybeUninit;
 
-            const SIZE: usize = $crate::sources::heap(MODELS);
+            const SIZE: usize = $crate::sources::heap(MODELS, option_env!("FMU_EXPORT_HEAP"));
             static mut BLOCK: [MaybeUninit<u8>; SIZE] = [MaybeUninit::uninit(); SIZE];
             #[global_allocator]
             // SAFETY: nothing else uses the block.

@@ -12,17 +12,13 @@
 use std::alloc::{GlobalAlloc, Layout};
 use std::cell::RefCell;
 use std::ffi::{CStr, c_char, c_int};
-use std::mem::{self, MaybeUninit};
+use std::mem::MaybeUninit;
 use std::panic::PanicHookInfo;
 use std::path::Path;
 use std::ptr::null_mut;
 
 use fmu_description::LogCategory;
-use talc::base::Talc;
-use talc::base::binning::Binning;
-use talc::cell::TalcSyncCell;
-use talc::source::Source;
-use talc::wasm::WasmBinning;
+use talc::wasm::{WasmArenaTalc, new_wasm_arena_allocator};
 
 #[cfg(feature = "fmi2")]
 use super::fmi2;
@@ -78,14 +74,16 @@ pub(crate) struct Needs {
 impl Needs {
     pub(crate) const fn of<M: Model, const N: usize>() -> Self {
         /// Messages, texts, other arguments, and what the allocator adds.
-        const SMALL: usize = 12 << 10;
+        const SMALL: usize = 8 << 10;
         /// The instance, its start values, the state before a step, and two states that the host saves.
         const COPIES: usize = 5;
+        /// What the interface in C uses for short calls without asking for it.
+        const AT_HAND: usize = 128;
         /// The vectors of a solver.
         const VECTORS: usize = 16;
         let info = &LaidOut::<M, N>::INFO;
         let solved = info.states.len() + info.event_indicators.len();
-        let arguments = 64 + info.end as usize * (size_of::<u32>() + size_of::<f64>());
+        let arguments = AT_HAND + info.end as usize * (size_of::<u32>() + size_of::<f64>());
         Self {
             name: M::NAME,
             arguments,
@@ -123,22 +121,35 @@ const fn is_same(a: &[u8], b: &[u8]) -> bool {
     }
 }
 
-/// The bytes that an instance of the only model allocates.
-pub const fn heap(models: &[Entry]) -> usize {
+/// The bytes that an instance of the only model may allocate: what its interface needs, and what the exporter adds, as
+/// digits.
+pub const fn heap(models: &[Entry], added: Option<&str>) -> usize {
+    let (mut added, mut sum) = (
+        match added {
+            Some(added) => added.as_bytes(),
+            None => &[],
+        },
+        0,
+    );
+    while let [digit, rest @ ..] = added {
+        sum = 10 * sum + (*digit - b'0') as usize;
+        added = rest;
+    }
     match models {
-        [model, ..] => model.needs.heap,
+        [model, ..] => model.needs.heap + sum,
         [] => 0,
     }
 }
 
-/// Allocates in a block of fixed size. Only if the C compiler was told to give an instance more memory, there is more.
-pub struct Allocator(TalcSyncCell<Block, WasmBinning>);
+/// Allocates in a block of fixed size.
+pub struct Allocator(WasmArenaTalc);
 
 impl Allocator {
     /// # Safety
     /// Nothing else uses the block.
     pub const unsafe fn new<const SIZE: usize>(block: *mut [MaybeUninit<u8>; SIZE]) -> Self {
-        Self(TalcSyncCell::new_wasm(Block { first: block.cast(), size: SIZE }))
+        // SAFETY: the caller's promise.
+        Self(unsafe { new_wasm_arena_allocator(block) })
     }
 }
 
@@ -160,48 +171,19 @@ unsafe impl GlobalAlloc for Allocator {
     }
 }
 
-/// Tells the host if there is no memory, without which the next message may not be possible.
+/// Tells the host if there is no memory.
 fn found(memory: *mut u8) -> *mut u8 {
     if memory.is_null() {
-        let message = c"the instance needs more memory than it has; expected sources that are compiled with a larger MODEL_MEMORY_SIZE";
+        let message = c"the instance needs more memory than it has; expected sources that are exported with a larger --heap";
         send(LogCategory::Error.status(), LogCategory::Error.name(), message);
     }
     memory
 }
 
-/// The block of memory that the allocator has not yet taken.
-#[derive(Debug)]
-struct Block {
-    first: *mut u8,
-    size: usize,
-}
-
-// SAFETY: it uses no allocator but the one that is passed.
-unsafe impl Source for Block {
-    fn acquire<B: Binning>(talc: &mut Talc<Self, B>, layout: Layout) -> Result<(), ()> {
-        /// The size of a page of WebAssembly.
-        const PAGE: usize = 1 << 16;
-        /// What the allocator adds.
-        const OVERHEAD: usize = 64;
-        let (first, size) = match mem::take(&mut talc.source.size) {
-            0 => {
-                let needed = layout.size().saturating_add(layout.align() + OVERHEAD);
-                let pages = needed.div_ceil(PAGE);
-                match std::arch::wasm32::memory_grow::<0>(pages) {
-                    usize::MAX => return Err(()),
-                    before => ((before * PAGE) as *mut u8, pages * PAGE),
-                }
-            }
-            size => (talc.source.first, size),
-        };
-        // SAFETY: nothing else uses this memory: the creator's promise, or it is new.
-        unsafe { talc.claim(first, size) }.map(drop).ok_or(())
-    }
-}
-
-/// Memory for the arguments and results of a call.
+/// Memory for the arguments and results of calls.
 struct Arguments {
-    /// Enough for all variables. It stays where it is, so that a step keeps its results while its callback makes calls.
+    /// Enough for all variables, from the creation of the instance on. It stays where it is, so the host may use it for any
+    /// call.
     usual: Vec<u64>,
     /// For a call that needs more.
     large: Vec<u64>,
@@ -212,23 +194,27 @@ thread_local! {
         const { RefCell::new(Arguments { usual: Vec::new(), large: Vec::new() }) };
 }
 
-/// Memory for the arguments and results of the next call, until the one after it; NULL if there is not enough.
+/// Memory for the arguments and results of a call, until the next one; NULL if there is not enough.
 #[unsafe(no_mangle)]
 extern "C" fn fmu_arguments(size: usize) -> *mut u64 {
     let length = size.div_ceil(size_of::<u64>());
     ARGUMENTS.with_borrow_mut(|Arguments { usual, large }| {
-        if length <= usual.len() {
-            return usual.as_mut_ptr();
+        let area = if length <= usual.len() { usual } else { large };
+        match length <= area.len() || enlarge(area, length) {
+            true => area.as_mut_ptr(),
+            false => null_mut(),
         }
-        if length > large.len() {
-            *large = Vec::new();
-            if large.try_reserve_exact(length).is_err() {
-                return null_mut();
-            }
-            large.resize(length, 0);
-        }
-        large.as_mut_ptr()
     })
+}
+
+/// Enlarges memory whose content is not needed. Returns whether this succeeded.
+fn enlarge(area: &mut Vec<u64>, length: usize) -> bool {
+    *area = Vec::new();
+    let is_there = area.try_reserve_exact(length).is_ok();
+    if is_there {
+        area.resize(length, 0);
+    }
+    is_there
 }
 
 /// Creates the instance of a module, of type 0 (model exchange) or 1 (co-simulation). On failure, logs the reason and
@@ -299,9 +285,9 @@ pub unsafe fn instantiate(
             }
         }
     };
-    if let ([model, ..], false) = (models, instance.is_null()) {
+    if let [model, ..] = models {
         let length = model.needs.arguments.div_ceil(size_of::<u64>());
-        ARGUMENTS.with_borrow_mut(|arguments| arguments.usual.resize(length, 0));
+        ARGUMENTS.with_borrow_mut(|arguments| enlarge(&mut arguments.usual, length));
     }
     instance
 }
