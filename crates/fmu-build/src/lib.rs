@@ -21,10 +21,6 @@ pub mod table;
 mod toolchain;
 mod triple;
 mod universal;
-#[cfg(all(test, feature = "wasm"))]
-#[expect(dead_code, reason = "the export of C sources will use the rest")]
-#[path = "sources/untranslatable.rs"]
-mod untranslatable;
 
 pub use fmu_description::FmiVersion;
 

@@ -22,8 +22,8 @@ pub struct Interface<'a> {
     pub imports: &'a [&'a str],
 }
 
-/// Memory for the arguments of a call (bytes) that an instance has at hand: enough for ten numbers.
-const ARGUMENTS: usize = 128;
+/// Memory for the arguments of a call (bytes) that an instance has at hand: enough for twenty numbers.
+const ARGUMENTS: usize = 256;
 
 /// Text of both versions, or of one.
 macro_rules! text {

@@ -88,7 +88,10 @@ pub fn check(module: &[u8]) -> Result<()> {
         for (name, callers) in callers {
             let named = Vec::from_iter(callers.iter().take(NAMED).copied()).join(" and ");
             let more = if callers.len() > NAMED { " and others" } else { "" };
-            let _ = write!(text, "; called by {named}{more} of the crate {name}");
+            let _ = write!(text, "; called by {named}{more}");
+            if name != named {
+                let _ = write!(text, " of the crate {name}");
+            }
         }
     }
     let instead = Vec::from_iter(instead).join("\n  ");
@@ -221,7 +224,7 @@ fn public(name: &str) -> String {
     Vec::from_iter(kept.map(|part| if part == SPAWN_HOOKS { "spawn" } else { part })).join("::")
 }
 
-/// The crate of a path such as `a::b`, `<a::B as c::D>::e` or `<&mut a::B>::c`.
+/// The crate of a path such as `a::b`, `<a::B as c::D>::e` or `<&mut a::B>::c`; the name of a function in C.
 fn crate_of(name: &str) -> &str {
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
     let name = name.trim_start_matches(|c| !is_word(c));
@@ -284,6 +287,11 @@ mod tests {
         let message = error(("env", "pi_step"), &[(STEP, &[0])]).unwrap();
         let expected = "pi_step, which is not written in Rust; called by <own::Own as fmu_export::Simulate>::step of the crate own";
         assert!(message.contains(expected), "{message}");
+        let message = error(("env", "malloc"), &[("pi_new", &[0])]).unwrap();
+        assert!(
+            message.contains("malloc, which is not written in Rust; called by pi_new\n"),
+            "{message}"
+        );
     }
 
     #[test]

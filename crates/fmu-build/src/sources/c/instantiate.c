@@ -21,6 +21,7 @@ static Instance *instantiate(const Host *host, const char *function, const Wishe
     instance->host = *host;
     instance->model.host = instance;
     MODEL(init)(&instance->model);
+    instance->arguments = more_room(&call, ARGUMENTS_SIZE);
     if (enter(&call, space_of_strings(strings, 3) + space(wishes->n, 4))) {
         const uint32_t name = in_string(&call, wishes->name), token = in_string(&call, wishes->token);
         const uint32_t resources = in_string(&call, wishes->resources);
@@ -31,13 +32,10 @@ static Instance *instantiate(const Host *host, const char *function, const Wishe
             (uint32_t)wishes->n, (uint32_t)wishes->has_intermediate_update);
         leave(&call, fmiXOK);
     }
-    if (instance->handle)
-        instance->arguments = more_room(&call, ARGUMENTS_SIZE);
-    if (!instance->arguments) {
+    if (!instance->handle) {
         release_block(instance);
         return NULL;
     }
-    instance->arguments_size = ARGUMENTS_SIZE;
     return instance;
 }
 

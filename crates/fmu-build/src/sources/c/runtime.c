@@ -2,10 +2,9 @@
 
 typedef struct {
     Host host;
-    uint32_t handle;         /* of the instance in the model */
-    uint32_t arguments;      /* where the memory of the model has room for arguments */
-    uint32_t arguments_size; /* 0 before there is an instance in the model */
-    int has_logged_fatal;    /* whether the host knows why the instance ended */
+    uint32_t handle;      /* of the instance in the model */
+    uint32_t arguments;   /* where the memory of the model has room for arguments: the room found first stays */
+    int has_logged_fatal; /* whether the host knows why the instance ended */
     Model model;
 } Instance;
 
@@ -99,7 +98,7 @@ static inline int enter(Call *call, size_t size)
         call->status = instance ? fmiXFatal : fmiXError;
         return 0;
     }
-    call->next = size <= instance->arguments_size ? instance->arguments : more_room(call, size);
+    call->next = size <= ARGUMENTS_SIZE ? instance->arguments : more_room(call, size);
     if (!call->next)
         refuse(call, "the arrays or strings are larger than the memory of the FMU");
     return call->next != 0;
