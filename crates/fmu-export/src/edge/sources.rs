@@ -182,24 +182,25 @@ fn found(memory: *mut u8) -> *mut u8 {
 
 /// Memory for the arguments and results of calls.
 struct Arguments {
-    /// Enough for all variables, from the creation of the instance on. It stays where it is, so the host may use it for any
-    /// call.
-    usual: Vec<u64>,
+    /// What the host asked for first. It stays where it is, so the host may use it for any call.
+    first: Vec<u64>,
     /// For a call that needs more.
     large: Vec<u64>,
 }
 
 thread_local! {
     static ARGUMENTS: RefCell<Arguments> =
-        const { RefCell::new(Arguments { usual: Vec::new(), large: Vec::new() }) };
+        const { RefCell::new(Arguments { first: Vec::new(), large: Vec::new() }) };
 }
 
-/// Memory for the arguments and results of a call, until the next one; NULL if there is not enough.
+/// Memory for the arguments and results of a call; NULL if there is not enough. What the first call of this function
+/// returns can always be used, the rest until the next call of this function.
 #[unsafe(no_mangle)]
 extern "C" fn fmu_arguments(size: usize) -> *mut u64 {
     let length = size.div_ceil(size_of::<u64>());
-    ARGUMENTS.with_borrow_mut(|Arguments { usual, large }| {
-        let area = if length <= usual.len() { usual } else { large };
+    ARGUMENTS.with_borrow_mut(|Arguments { first, large }| {
+        let is_first = first.is_empty() || length <= first.len();
+        let area = if is_first { first } else { large };
         match length <= area.len() || enlarge(area, length) {
             true => area.as_mut_ptr(),
             false => null_mut(),
@@ -287,7 +288,7 @@ pub unsafe fn instantiate(
     };
     if let [model, ..] = models {
         let length = model.needs.arguments.div_ceil(size_of::<u64>());
-        ARGUMENTS.with_borrow_mut(|arguments| enlarge(&mut arguments.usual, length));
+        ARGUMENTS.with_borrow_mut(|arguments| enlarge(&mut arguments.large, length));
     }
     instance
 }
