@@ -27,8 +27,8 @@ pub struct Entry {
     variant: Option<VariantStarts>,
     guid: Guid,
     naming: Naming,
-    /// Whether the host may integrate the model, which therefore has events.
-    is_for_model_exchange: bool,
+    /// Whether it has events: samples, or those of its equations. Hosts can then solve it in model exchange.
+    has_events: bool,
     create: fn(Settings, Identity) -> Option<Pointer>,
     #[cfg(target_arch = "wasm32")]
     pub(crate) needs: Needs,
@@ -84,7 +84,7 @@ impl Entry {
             variant: VariantStarts::new(interface.overrides),
             guid: guid_of_copy(embedded, &interface),
             naming: interface.naming,
-            is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
+            has_events: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: fast::create::<M, N>,
             #[cfg(target_arch = "wasm32")]
             needs: Needs::of::<M, N>(),
@@ -166,10 +166,17 @@ impl Entry {
             )
         })?;
         match instance_type {
-            InstanceType::ModelExchange if !model.is_for_model_exchange => {
+            InstanceType::ModelExchange
+                if !model.has_events || !InstanceType::HAS_MODEL_EXCHANGE =>
+            {
                 Err(format!("{} is for co-simulation, not for model exchange", model.name()))
             }
-            InstanceType::CoSimulationWithEvents if !model.is_for_model_exchange => Err(format!(
+            InstanceType::CoSimulation | InstanceType::CoSimulationWithEvents
+                if !InstanceType::HAS_CO_SIMULATION =>
+            {
+                Err(format!("{} is for model exchange, not for co-simulation", model.name()))
+            }
+            InstanceType::CoSimulationWithEvents if !model.has_events => Err(format!(
                 "eventModeUsed is true, but {} has no event mode: hasEventMode is false",
                 model.name()
             )),

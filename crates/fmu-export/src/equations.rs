@@ -7,7 +7,7 @@ use fmi_abi::state::State;
 use crate::any_model::{AnyModel, SolverVector};
 use crate::error::{ModelError, Severity, ensure, refused};
 use crate::instance::Instance;
-use crate::lifecycle::{InstanceType, Lifecycle};
+use crate::lifecycle::Lifecycle;
 
 impl Instance {
     /// Makes values ready to be read. Between steps, evaluates the equations if the host asks for derivatives or event
@@ -18,7 +18,7 @@ impl Instance {
         needs_evaluation: bool,
     ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
         let Lifecycle { instance_type, state, .. } = self.shared.lifecycle;
-        let is_stepped = instance_type != InstanceType::ModelExchange
+        let is_stepped = !instance_type.is_model_exchange()
             && matches!(
                 state,
                 State::StepMode | State::StepFailed | State::IntermediateUpdate | State::Terminated
@@ -51,7 +51,7 @@ impl Instance {
             _ if !stale => return Ok(()),
             State::Initialization => return self.initialize(),
             State::Event | State::ContinuousTime => true,
-            State::Terminated => instance_type == InstanceType::ModelExchange,
+            State::Terminated => instance_type.is_model_exchange(),
             _ => false,
         };
         if is_evaluated {

@@ -5,7 +5,7 @@ use fmi_abi::state::State;
 use crate::clock::{Due, SampleClock};
 use crate::error::{ModelError, Severity};
 use crate::instance::{EventUpdate, Instance};
-use crate::lifecycle::{InstanceType, Lifecycle};
+use crate::lifecycle::Lifecycle;
 
 /// Maximum number of time events in one communication step of event mode; more would take seconds to handle.
 const MAX_EVENTS: u32 = 10_000_000;
@@ -45,7 +45,7 @@ impl Instance {
         self.shared.lifecycle.stale = true;
         if info.is_sampled {
             self.take_due_samples(time)?;
-        } else if instance_type == InstanceType::ModelExchange {
+        } else if instance_type.is_model_exchange() {
             self.model.behavior_mut().on_event(time)?;
             self.shared.lifecycle.integration.handled = time;
         } else {

@@ -24,7 +24,7 @@ impl Instance {
         let (info, lifecycle) = (model.info(), &shared.lifecycle);
         let start = Start {
             time: lifecycle.start_time,
-            is_model_exchange: lifecycle.instance_type == InstanceType::ModelExchange,
+            is_model_exchange: lifecycle.instance_type.is_model_exchange(),
             resources: shared.settings.resources.clone(),
         };
         model.renew();

@@ -14,6 +14,7 @@ use crate::equations::ModelEquations;
 use crate::error::ModelError;
 use crate::large;
 use crate::layout::{self, Extent, Float64Place, ModelInfo, Tables, VariableList, copy_fields};
+use crate::lifecycle::InstanceType;
 use crate::model::{Behavior, Model};
 use crate::snapshot;
 
@@ -175,7 +176,8 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
         // The solver takes the steps of models without steps of their own. In event mode, which FMI 3.0 has, it takes the
         // steps of all models with equations. Other libraries do not contain the solver.
         const HAS_EVENT_MODE: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));
-        match M::IS_INTEGRATED || M::IS_CONTINUOUS && HAS_EVENT_MODE {
+        const HAS_STEPS: bool = InstanceType::HAS_CO_SIMULATION;
+        match HAS_STEPS && (M::IS_INTEGRATED || M::IS_CONTINUOUS && HAS_EVENT_MODE) {
             true => solver::advance(&mut ModelEquations(self), with, step),
             false => Err(ModelError::refuse("the model has no equations")),
         }

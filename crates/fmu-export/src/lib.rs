@@ -65,9 +65,14 @@
 #![cfg_attr(
     any(
         all(feature = "fmi2", not(feature = "fmi3")),
-        all(feature = "fmi3", not(feature = "fmi2"))
+        all(feature = "fmi3", not(feature = "fmi2")),
+        all(feature = "co-simulation", not(feature = "model-exchange")),
+        all(feature = "model-exchange", not(feature = "co-simulation"))
     ),
-    allow(dead_code, reason = "what only the other version of FMI uses")
+    allow(
+        dead_code,
+        reason = "what only the other version of FMI or the other interface type uses"
+    )
 )]
 
 mod any_model;
@@ -156,7 +161,8 @@ pub mod prelude {
 /// and lists them in `MODELS`. A library has one `export!`, with all its models.
 ///
 /// The binary exports the functions of FMI 2.0 and 3.0, or of one version, if only its feature
-/// `fmi2` or `fmi3` of this crate is on, as `cargo fmu export` sets it.
+/// `fmi2` or `fmi3` of this crate is on, as `cargo fmu export` sets it. It has instances for co-simulation and model
+/// exchange, or of one type, if only its feature `co-simulation` or `model-exchange` is on.
 #[macro_export]
 macro_rules! export {
     ($($model:ty),+ $(,)?) => {

@@ -28,6 +28,18 @@ saved! {
 }
 
 impl InstanceType {
+    /// Whether the binary has instances for co-simulation.
+    pub(crate) const HAS_CO_SIMULATION: bool =
+        cfg!(any(feature = "co-simulation", not(feature = "model-exchange")));
+    /// Whether it has instances for model exchange.
+    pub(crate) const HAS_MODEL_EXCHANGE: bool =
+        cfg!(any(feature = "model-exchange", not(feature = "co-simulation")));
+
+    /// Whether it is for model exchange, which the compiler knows of a binary for one interface type.
+    pub(crate) const fn is_model_exchange(self) -> bool {
+        !Self::HAS_CO_SIMULATION || Self::HAS_MODEL_EXCHANGE && matches!(self, Self::ModelExchange)
+    }
+
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::CoSimulation => "co-simulation",
@@ -42,9 +54,9 @@ impl InstanceType {
             State::StepMode
             | State::StepFailed
             | State::StepReconfiguration
-            | State::IntermediateUpdate => !matches!(self, Self::ModelExchange),
+            | State::IntermediateUpdate => !self.is_model_exchange(),
             State::Event | State::EventReconfiguration => !matches!(self, Self::CoSimulation),
-            State::ContinuousTime => matches!(self, Self::ModelExchange),
+            State::ContinuousTime => self.is_model_exchange(),
             _ => true,
         }
     }

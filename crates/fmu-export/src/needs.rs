@@ -1,6 +1,7 @@
 //! The functions of a host that only some models need.
 
 use crate::instance::IntermediateUpdate;
+use crate::lifecycle::InstanceType;
 use crate::model::Model;
 use crate::pointers::Pointer;
 
@@ -43,11 +44,13 @@ impl Needs {
             new_model_exchange(instance)
         }
         Self {
-            new_model_exchange: match M::IS_SAMPLED || M::IS_CONTINUOUS {
+            new_model_exchange: match InstanceType::HAS_MODEL_EXCHANGE
+                && (M::IS_SAMPLED || M::IS_CONTINUOUS)
+            {
                 true => Some(new),
                 false => None,
             },
-            intermediate_update: match M::IS_CONTINUOUS {
+            intermediate_update: match InstanceType::HAS_CO_SIMULATION && M::IS_CONTINUOUS {
                 true => Some(call_back),
                 false => None,
             },

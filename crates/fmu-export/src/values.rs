@@ -319,8 +319,7 @@ fn not_settable(
     let is_reconfiguration =
         matches!(state, State::StepReconfiguration | State::EventReconfiguration);
     let is_configuration = is_reconfiguration || state == State::Configuration;
-    let is_exchange =
-        instance_type == InstanceType::ModelExchange && matches!(state, Event | ContinuousTime);
+    let is_exchange = instance_type.is_model_exchange() && matches!(state, Event | ContinuousTime);
     match (variable.causality, variable.variability) {
         (_, Variability::Constant) => Some("a constant"),
         // The standard has a function for all states; some hosts, such as CasADi, set them one by one.

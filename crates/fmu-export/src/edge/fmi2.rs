@@ -162,22 +162,23 @@ pub unsafe extern "C" fn fmi2SetReal(
     fmi2Status(status as c_int)
 }
 
-/// `fmi2DoStep`
-#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
-pub unsafe extern "C" fn fmi2DoStep(
-    instance: fmi2Component,
-    time: f64,
-    step: f64,
-    _no_set_state: fmi2Boolean,
-) -> fmi2Status {
-    // SAFETY: the host's promises, as for all entry points.
-    let status = unsafe {
-        match head(instance) {
-            Some(head) => (head.vtable.step)(instance, time, step, None),
-            None => Status::Error,
-        }
-    };
-    fmi2Status(status as c_int)
+exported! { CoSimulation
+    /// `fmi2DoStep`
+    pub unsafe extern "C" fn fmi2DoStep(
+        instance: fmi2Component,
+        time: f64,
+        step: f64,
+        _no_set_state: fmi2Boolean,
+    ) -> fmi2Status {
+        // SAFETY: the host's promises, as for all entry points.
+        let status = unsafe {
+            match head(instance) {
+                Some(head) => (head.vtable.step)(instance, time, step, None),
+                None => Status::Error,
+            }
+        };
+        fmi2Status(status as c_int)
+    }
 }
 
 /// The operations whose arguments differ between the versions.

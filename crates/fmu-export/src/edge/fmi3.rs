@@ -224,34 +224,35 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     fmi3Status(status as c_int)
 }
 
-/// `fmi3DoStep`
-#[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
-pub unsafe extern "C" fn fmi3DoStep(
-    instance: fmi3Instance,
-    time: f64,
-    step: f64,
-    _no_set_state: fmi3Boolean,
-    event_handling_needed: *mut fmi3Boolean,
-    terminate: *mut fmi3Boolean,
-    early_return: *mut fmi3Boolean,
-    last_successful_time: *mut f64,
-) -> fmi3Status {
-    // SAFETY: the host's promises, as for all entry points; some hosts pass NULL for results.
-    let status = unsafe {
-        write_result(event_handling_needed, fmi3False);
-        write_result(terminate, fmi3False);
-        write_result(early_return, fmi3False);
-        match head(instance) {
-            Some(head) if head.is_stepped_in_parts => {
-                let (event, early, last) =
-                    (event_handling_needed, early_return, last_successful_time);
-                step_in_parts(instance, time, step, event, early, last)
+exported! { CoSimulation
+    /// `fmi3DoStep`
+    pub unsafe extern "C" fn fmi3DoStep(
+        instance: fmi3Instance,
+        time: f64,
+        step: f64,
+        _no_set_state: fmi3Boolean,
+        event_handling_needed: *mut fmi3Boolean,
+        terminate: *mut fmi3Boolean,
+        early_return: *mut fmi3Boolean,
+        last_successful_time: *mut f64,
+    ) -> fmi3Status {
+        // SAFETY: the host's promises, as for all entry points; some hosts pass NULL for results.
+        let status = unsafe {
+            write_result(event_handling_needed, fmi3False);
+            write_result(terminate, fmi3False);
+            write_result(early_return, fmi3False);
+            match head(instance) {
+                Some(head) if head.is_stepped_in_parts => {
+                    let (event, early, last) =
+                        (event_handling_needed, early_return, last_successful_time);
+                    step_in_parts(instance, time, step, event, early, last)
+                }
+                Some(head) => (head.vtable.step)(instance, time, step, last_successful_time.as_mut()),
+                None => Status::Error,
             }
-            Some(head) => (head.vtable.step)(instance, time, step, last_successful_time.as_mut()),
-            None => Status::Error,
-        }
-    };
-    fmi3Status(status as c_int)
+        };
+        fmi3Status(status as c_int)
+    }
 }
 
 /// # Safety

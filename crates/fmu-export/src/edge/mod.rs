@@ -27,50 +27,86 @@ macro_rules! entries {
     (
         $instance:ident $status:ident
         Free { $($_0:tt)* }
-        $($_1:ident { $($name:ident $arguments:tt => $operation:ident in $($states:ident)|+;)* })*
+        $($group:ident { $($rows:tt)* })*
     ) => {
-        $($(entry!($instance $status $name $arguments $operation $($states)|+);)*)*
+        $(entries!(@ $instance $status $group $($rows)*);)*
+    };
+    (
+        @ $instance:ident $status:ident $group:ident
+        $($name:ident $arguments:tt => $operation:ident in $($states:ident)|+;)*
+    ) => {
+        $(entry!($instance $status $group $name $arguments $operation $($states)|+);)*
+    };
+}
+
+/// Exports a function of C that belongs to a group of rows, if the binary has instances of its interface type.
+macro_rules! exported {
+    (CoSimulation $($function:tt)*) => {
+        #[cfg_attr(
+            all(
+                any(not(target_arch = "wasm32"), feature = "sources"),
+                any(feature = "co-simulation", not(feature = "model-exchange"))
+            ),
+            unsafe(no_mangle)
+        )]
+        $($function)*
+    };
+    (ModelExchange $($function:tt)*) => {
+        #[cfg_attr(
+            all(
+                any(not(target_arch = "wasm32"), feature = "sources"),
+                any(feature = "model-exchange", not(feature = "co-simulation"))
+            ),
+            unsafe(no_mangle)
+        )]
+        $($function)*
+    };
+    ($_:ident $($function:tt)*) => {
+        #[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
+        $($function)*
     };
 }
 
 macro_rules! entry {
     // Written out in each edge, as hosts call them at every step.
-    ($i:ident $s:ident fmi2GetReal $($row:tt)*) => {};
-    ($i:ident $s:ident fmi2SetReal $($row:tt)*) => {};
-    ($i:ident $s:ident fmi2DoStep $($row:tt)*) => {};
-    ($i:ident $s:ident fmi3GetFloat64 $($row:tt)*) => {};
-    ($i:ident $s:ident fmi3SetFloat64 $($row:tt)*) => {};
-    ($i:ident $s:ident fmi3DoStep $($row:tt)*) => {};
+    ($i:ident $s:ident $group:ident fmi2GetReal $($row:tt)*) => {};
+    ($i:ident $s:ident $group:ident fmi2SetReal $($row:tt)*) => {};
+    ($i:ident $s:ident $group:ident fmi2DoStep $($row:tt)*) => {};
+    ($i:ident $s:ident $group:ident fmi3GetFloat64 $($row:tt)*) => {};
+    ($i:ident $s:ident $group:ident fmi3SetFloat64 $($row:tt)*) => {};
+    ($i:ident $s:ident $group:ident fmi3DoStep $($row:tt)*) => {};
     // Declared as unsupported by the model description. Importers bind them anyway.
-    ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident NOWHERE) => {
-        #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
-        #[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
-        pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
-            // SAFETY: the host's promise: NULL or an instance.
-            let instance = unsafe { instance_at(instance) };
-            let call = &calls::$name;
-            $s(instance.map_or(Status::Error, |instance| instance.refuse(call, unsupported(call.name))) as c_int)
+    ($i:ident $s:ident $group:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident NOWHERE) => {
+        exported! { $group
+            #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
+            pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
+                // SAFETY: the host's promise: NULL or an instance.
+                let instance = unsafe { instance_at(instance) };
+                let call = &calls::$name;
+                $s(instance.map_or(Status::Error, |instance| instance.refuse(call, unsupported(call.name))) as c_int)
+            }
         }
     };
-    ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
-        #[doc = concat!("`", stringify!($name), "`")]
-        #[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
-        #[allow(unused_variables, reason = "the slices have the lengths")]
-        pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
-            let call = &calls::$name;
-            // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
-            // NULL or valid, those to arrays for the lengths passed with them; zero-terminated texts.
-            let status = unsafe {
-                let Some(instance) = instance_at(instance) else {
-                    return $s(Status::Error as c_int);
+    ($i:ident $s:ident $group:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
+        exported! { $group
+            #[doc = concat!("`", stringify!($name), "`")]
+            #[allow(unused_variables, reason = "the slices have the lengths")]
+            pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
+                let call = &calls::$name;
+                // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
+                // NULL or valid, those to arrays for the lengths passed with them; zero-terminated texts.
+                let status = unsafe {
+                    let Some(instance) = instance_at(instance) else {
+                        return $s(Status::Error as c_int);
+                    };
+                    $(let $arg = match convert!($arg $kind) {
+                        Ok(arg) => arg,
+                        Err(why) => return $s(instance.refuse(call, why) as c_int),
+                    };)*
+                    instance.call(call, |instance| apply!(instance.$operation [] $($arg: $kind,)*))
                 };
-                $(let $arg = match convert!($arg $kind) {
-                    Ok(arg) => arg,
-                    Err(why) => return $s(instance.refuse(call, why) as c_int),
-                };)*
-                instance.call(call, |instance| apply!(instance.$operation [] $($arg: $kind,)*))
-            };
-            $s(status as c_int)
+                $s(status as c_int)
+            }
         }
     };
 }

@@ -30,6 +30,8 @@ use crate::laid_out::LaidOut;
 #[cfg(feature = "fmi2")]
 use crate::log::{Log, Sink};
 use crate::log::{silence_panics, text_of_panic};
+#[cfg(not(feature = "fmi2"))]
+use crate::lifecycle::InstanceType;
 use crate::model::Model;
 use crate::pointers::{Pointer, c_message, c_text};
 
@@ -92,7 +94,7 @@ impl Needs {
                 + COPIES * size_of::<HostedInstance<LaidOut<M, N>>>()
                 + VECTORS * solved * size_of::<f64>(),
             #[cfg(not(feature = "fmi2"))]
-            intermediate_update: match M::IS_CONTINUOUS {
+            intermediate_update: match InstanceType::HAS_CO_SIMULATION && M::IS_CONTINUOUS {
                 true => Some(intermediate_update),
                 false => None,
             },

@@ -77,7 +77,7 @@ unsafe extern "C" fn instantiate_co_simulation(
         ..settings(&name, logging_on)
     };
     instantiate("fmi3InstantiateCoSimulation", (&name, &token), instance_type, settings, |i| {
-        new_co_simulation(i)
+        if InstanceType::HAS_CO_SIMULATION { new_co_simulation(i) } else { 0 }
     })
 }
 
