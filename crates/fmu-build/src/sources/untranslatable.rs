@@ -65,18 +65,18 @@ const NAMED: usize = 3;
 pub fn check(module: &[u8]) -> Result<()> {
     let functions = Functions::read(module)?;
     // What is needed, with its callers by their crates.
-    let mut needed: BTreeMap<String, BTreeMap<&str, BTreeSet<&str>>> = BTreeMap::new();
+    let mut needed: BTreeMap<String, BTreeMap<&str, BTreeSet<String>>> = BTreeMap::new();
     let mut instead = BTreeSet::new();
     for (index, name) in functions.names.iter().enumerate() {
         let (title, advice) = match (functions.foreign.contains(&index), instead_of(name)) {
-            (true, _) => (format!("{name}, which is not written in Rust"), FOREIGN),
+            (true, _) => (format!("{name} of another language"), FOREIGN),
             (false, Some(advice)) if functions.is_called_by_others(index) => (public(name), advice),
             _ => continue,
         };
         instead.insert(advice);
         let callers = needed.entry(title).or_default();
         for caller in functions.authors_that_call(index) {
-            callers.entry(crate_of(caller)).or_default().insert(caller);
+            callers.entry(crate_of(caller)).or_default().insert(short(caller));
         }
     }
     if needed.is_empty() {
@@ -84,14 +84,16 @@ pub fn check(module: &[u8]) -> Result<()> {
     }
     let mut text = String::new();
     for (title, callers) in needed {
-        let _ = write!(text, "\n  {title}");
+        if callers.is_empty() {
+            let _ = write!(text, "\n  {title}");
+        }
         for (name, callers) in callers {
-            let named = Vec::from_iter(callers.iter().take(NAMED).copied()).join(" and ");
+            let named = Vec::from_iter(callers.iter().take(NAMED).cloned()).join(" and ");
             let more = if callers.len() > NAMED { " and others" } else { "" };
-            let _ = write!(text, "; called by {named}{more}");
-            if name != named {
-                let _ = write!(text, " of the crate {name}");
-            }
+            let _ = match name == named {
+                true => write!(text, "\n  {title}, which {name} calls"),
+                false => write!(text, "\n  {title}, which the crate {name} calls in {named}{more}"),
+            };
         }
     }
     let instead = Vec::from_iter(instead).join("\n  ");
@@ -208,7 +210,16 @@ fn plain(name: &str) -> String {
     let name = name.split("::<").next().unwrap_or(name);
     match name.strip_prefix('<').filter(|name| !name.contains(" as ")) {
         Some(name) => name.replacen(">::", "::", 1),
-        None => name.replace("::{{closure}}", ""),
+        None => name.to_owned(),
+    }
+}
+
+/// The path of an author's function: `Type::f` instead of `<Type as Trait>::f`, and without a closure in it.
+fn short(name: &str) -> String {
+    let name = name.split("::{").next().unwrap_or(name);
+    match name.strip_prefix('<').and_then(|name| name.split_once(" as ")) {
+        Some((kind, rest)) => format!("{kind}::{}", rest.rsplit("::").next().unwrap_or(rest)),
+        None => name.to_owned(),
     }
 }
 
@@ -285,22 +296,20 @@ mod tests {
     #[test]
     fn functions_of_other_languages_are_named_with_their_callers() {
         let message = error(("env", "pi_step"), &[(STEP, &[0])]).unwrap();
-        let expected = "pi_step, which is not written in Rust; called by <own::Own as fmu_export::Simulate>::step of the crate own";
+        let expected =
+            "\n  pi_step of another language, which the crate own calls in own::Own::step\n";
         assert!(message.contains(expected), "{message}");
         let message = error(("env", "malloc"), &[("pi_new", &[0])]).unwrap();
-        assert!(
-            message.contains("malloc, which is not written in Rust; called by pi_new\n"),
-            "{message}"
-        );
+        assert!(message.contains("malloc of another language, which pi_new calls\n"), "{message}");
     }
 
     #[test]
     fn what_needs_an_operating_system_is_found_through_generic_functions() {
         let message =
             error(LOG, &[(STEP, &[2, 4]), (CALL_ONCE, &[3]), (NOW, &[]), (READ, &[])]).unwrap();
-        let by = "called by <own::Own as fmu_export::Simulate>::step of the crate own";
+        let by = "which the crate own calls in own::Own::step";
         for part in [
-            format!("\n  std::fs::read; {by}\n  std::time::Instant::now; {by}\n"),
+            format!("\n  std::fs::read, {by}\n  std::time::Instant::now, {by}\n"),
             "files: a resource of the FMU".to_owned(),
             "time: the arguments of `step`".to_owned(),
         ] {
