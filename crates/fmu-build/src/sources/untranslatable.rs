@@ -3,8 +3,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
+use std::fs;
+use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Error, Result, anyhow, bail};
 use rustc_demangle::demangle;
 use wasmparser::{
     KnownCustom, Name, NameSectionReader, Naming, Operator, Parser, Payload, TypeRef,
@@ -100,6 +102,34 @@ pub fn check(module: &[u8]) -> Result<()> {
     bail!(
         "the model needs what C sources do not have:{text}\nUse instead of\n  {instead}\nor export binaries"
     )
+}
+
+/// Puts an empty library into a folder for each one that the linker did not find. With these, the build shows which of
+/// their functions the model needs. Returns whether there is any.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn stand_in_for_libraries(error: &Error, folder: &Path) -> Result<bool> {
+    let text = error.to_string();
+    let names = text.split("unable to find library -l").skip(1);
+    let names = Vec::from_iter(names.filter_map(|rest| rest.split_whitespace().next()));
+    for name in &names {
+        fs::write(folder.join(format!("lib{name}.a")), "!<arch>\n")?;
+    }
+    Ok(!names.is_empty())
+}
+
+/// Says in short that a build failed because there is no compiler for the C code of a build script.
+pub fn explain(error: Error) -> Error {
+    let text = error.to_string();
+    let package = text.split_once("custom build command for `").map_or("", |(_, rest)| rest);
+    match text.contains("failed to find tool \"clang") {
+        true => anyhow!(
+            "the build script of the package {} compiles C code; for C sources, it needs clang:\n  apt-get install clang    # Debian, Ubuntu\n  dnf install clang    # Fedora\n  brew install llvm    # macOS",
+            package.split([' ', '`']).next().unwrap_or(package)
+        ),
+        false => error,
+    }
 }
 
 /// The functions of a module, by their indices.
@@ -316,6 +346,31 @@ mod tests {
             assert!(message.contains(&part), "{message}");
         }
         assert!(!message.contains("threads"), "{message}");
+    }
+
+    #[test]
+    fn libraries_that_are_missing_are_replaced_by_empty_ones() {
+        let folder = tempfile::tempdir().unwrap();
+        let stand_in =
+            |text: &str| stand_in_for_libraries(&anyhow!("{text}"), folder.path()).unwrap();
+        assert!(!stand_in("error: cannot find type `Modl`"));
+        let linker = "building own failed:\n  = note: rust-lld: error: unable to find library -lm\n          rust-lld: error: unable to find library -lgsl\n";
+        assert!(stand_in(linker));
+        for name in ["libm.a", "libgsl.a"] {
+            assert!(folder.path().join(name).is_file(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_missing_compiler_for_c_code_is_named_with_the_package() {
+        let text = "building own failed:\nerror: failed to run custom build command for `pump v0.1.0 (/pump)`\n  error occurred in cc-rs: failed to find tool \"clang\": No such file";
+        let message = explain(anyhow!(text)).to_string();
+        assert!(
+            message.starts_with("the build script of the package pump compiles C code"),
+            "{message}"
+        );
+        assert!(message.contains("apt-get install clang"), "{message}");
+        assert_eq!(explain(anyhow!("other")).to_string(), "other");
     }
 
     #[test]
