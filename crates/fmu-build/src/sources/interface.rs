@@ -12,7 +12,7 @@ use fmu_description::FmiVersion;
 pub struct Interface<'a> {
     /// The version of FMI.
     pub version: FmiVersion,
-    /// The model identifier, from which the functions have their prefix.
+    /// The model identifier, which is the prefix of functions if several FMUs are linked.
     pub identifier: &'a str,
     /// Whether the functions of model exchange are left out.
     pub is_for_co_simulation_only: bool,

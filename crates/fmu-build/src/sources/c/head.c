@@ -4,10 +4,9 @@
  * Compile this file and the others in this folder with any C99 compiler, without -ffast-math. These macros may be
  * defined, for example with -D:
  *
- *   FMIX_OVERRIDE_FUNCTION_PREFIX   for a shared library: functions without the prefix @PREFIX@
- *   FMIX_FUNCTION_PREFIX            another prefix
- *   FMU_STATIC_INSTANCES            the number of instances, to have them in static memory instead of the heap
- *   MODEL_MEMORY_SIZE               more memory for each instance than the model needs
+ *   FMIX_FUNCTION_PREFIX   a prefix for the functions, such as @PREFIX@, for a program with several FMUs
+ *   FMU_STATIC_INSTANCES   the number of instances, to have them in static memory instead of the heap
+ *   MODEL_MEMORY_SIZE      more memory for each instance than the model needs
  *
  * An instance is one block of memory, sizeof(Instance) bytes. Only states that the host asks for are outside of it. There
  * are no other variables, so instances are independent of each other. A panic or another failure of the model ends its
@@ -24,13 +23,9 @@
 
 /* --- Names ------------------------------------------------------------------------------------------
  *
- * The standard wants functions in sources to begin with @PREFIX@, so that several FMUs fit into one program. If the
+ * Without a macro, functions have their names in shared libraries, which FMPy and fmusim compile without any. If the
  * compiler finds the header of the standard, which importers have, this header decides.
  */
-#if !defined(FMIX_FUNCTION_PREFIX) && !defined(FMIX_OVERRIDE_FUNCTION_PREFIX)
-#define FMIX_FUNCTION_PREFIX @PREFIX@
-#endif
-
 #ifdef __has_include
 #if __has_include("fmiXFunctions.h")
 #include "fmiXFunctions.h"
