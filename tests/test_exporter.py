@@ -1,5 +1,6 @@
 """The command line `cargo fmu`: exports, variants, completions, and errors on bad input."""
 
+import ctypes
 import os
 import re
 import shutil
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from native import printed, run
+from native import printed, read, run, write
 from pendulum_fmus.master import Component, MasterError
 from pendulum_fmus.project import ROOT
 from test_package import MODELS, Fmu, of
@@ -169,6 +170,33 @@ def test_flat_names_are_those_of_settings_xml_and_messages(fmus: Path, tmp_path:
         with pytest.raises(MasterError, match=r"pid_kp = -1 is refused"):
             flat.set("pid_kp", -1.0)
     assert "no error, no warning" in run("validate", "--quick", tmp_path / "Pid.fmu").stdout
+
+
+def test_an_fmu_for_one_interface_type_has_nothing_of_the_other(
+    fmus: Path, tmp_path: Path
+) -> None:
+    options = ["Pid", "--fmi", "2.0,3.0", "--interface", "co-simulation"]
+    printed("export", *options, "--out", tmp_path, cwd=ROOT)
+    for version, platform in (("2.0", "linux64"), ("3.0", "x86_64-linux")):
+        both, one = (of(folder, "Pid", version) for folder in (fmus, tmp_path))
+        assert one.description.modelExchange is None
+        assert one.description.coSimulation is not None
+        assert one.description.guid == both.description.guid
+        assert len(one.read(one.library)) < len(both.read(both.library))
+        binary = library(one, tmp_path)
+        functions = ctypes.CDLL(str(binary))
+        assert hasattr(functions, f"fmi{version[0]}DoStep")
+        assert not hasattr(functions, f"fmi{version[0]}SetTime")
+        rows = [printed("simulate", fmu.path, "--stop", 0.1) for fmu in (both, one)]
+        assert rows[0] == rows[1]
+        assert "no error, no warning" in run("validate", "--quick", one.path).stdout
+        # It cannot be the binary of an FMU for both types: the export refuses it, and the binary says why.
+        arguments = ["Pid", "--fmi", version, "--binary", f"{platform}={binary}"]
+        message = refusal(*arguments, "--out", tmp_path / "out")
+        assert f"functions of FMI {version} for model exchange" in message
+        mixed = write(tmp_path / "mixed.fmu", read(both.path) | {one.library: binary.read_bytes()})
+        failed = run("simulate", mixed, "--interface", "model-exchange")
+        assert "Pid is for co-simulation, not for model exchange" in failed.stderr
 
 
 # --- completions ----------------------------------------------------------------------------------

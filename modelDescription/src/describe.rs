@@ -198,6 +198,7 @@ impl XmlWriter<'_> {
             return element.holding(self.typed(Element::new(of_type), v, start));
         }
         let is_intermediate = self.model.is_continuous
+            && self.model.is_for_co_simulation()
             && v.variability == Variability::Continuous
             && matches!(v.causality, Causality::Input | Causality::Output);
         // A dimension of constant size, or the size of a structural parameter.
@@ -230,6 +231,9 @@ impl XmlWriter<'_> {
     ) -> Element<'static> {
         let declared = v.declared_type.as_ref();
         let nominal = Some(v.exported.nominal).filter(|nominal| *nominal != 1.0);
+        // FMI 2.0 has events in model exchange only.
+        let has_events = self.version == FmiVersion::Fmi3 || self.model.is_for_model_exchange();
+        let is_reinitialized = self.model.is_continuous && v.is_state() && has_events;
         let derivative = match v.exported.dynamics {
             Dynamics::Derivative { of } => self.number(of),
             _ => None,
@@ -244,14 +248,15 @@ impl XmlWriter<'_> {
             .with_some("nominal", nominal)
             .with_some("start", start)
             .with_some("derivative", derivative)
-            .with_some("reinit", (self.model.is_continuous && v.is_state()).then_some(true))
+            .with_some("reinit", is_reinitialized.then_some(true))
     }
 
     /// `ModelStructure` (FMI 2.0.5, section 2.2.8; FMI 3.0.2, section 2.4.8), in which FMI 2.0 has the positions
     /// of variables, and FMI 3.0 their value references.
     ///
     /// Where all dependencies are the default, they are listed all the same: CasADi demands it of models with
-    /// equations. All of FMI 3.0 include the independent variable.
+    /// equations. All of FMI 3.0 include the independent variable. Event indicators are for model exchange only; the
+    /// derivatives of states serve directional derivatives in co-simulation, too.
     fn structure(&self) -> Element<'static> {
         let is_2 = self.version == FmiVersion::Fmi2;
         let all = |is: fn(&Variable) -> bool| {
@@ -259,7 +264,9 @@ impl XmlWriter<'_> {
             known.map(|v| v.reference as usize).collect()
         };
         let structure = Element::new("ModelStructure");
-        LISTS.iter().fold(structure, |structure, (of_2, of_3, is)| {
+        let is_listed =
+            |(_, of_3, _): &&List| *of_3 != "EventIndicator" || self.model.is_for_model_exchange();
+        LISTS.iter().filter(is_listed).fold(structure, |structure, (of_2, of_3, is)| {
             let unknown = |(position, v): (usize, &Variable)| {
                 let dependencies = match *of_2 == "InitialUnknowns" {
                     true => {

@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use anyhow::{Result, bail};
 use serde::Deserialize;
 
-use crate::Naming;
 use crate::variable::Variable;
+use crate::{InterfaceType, Naming};
 
 /// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
 /// a binary has its fields in this order.
@@ -42,6 +42,9 @@ pub struct ExportedModel {
     pub time: usize,
     /// GUID of the interface.
     pub guid: String,
+    /// The only interface type to export, if not all that the model has. It is no part of the copy in a binary.
+    #[serde(skip)]
+    pub interface_type: Option<InterfaceType>,
 }
 
 impl ExportedModel {
@@ -92,9 +95,19 @@ impl ExportedModel {
         size.map_or(v.element_count(), |size| size.min(v.element_count()))
     }
 
-    /// Whether a host can solve the model by model exchange: by its equations, or at its sample instants.
-    pub fn is_for_model_exchange(&self) -> bool {
+    /// Whether it has events: samples, or those of its equations. A host can then solve it by model exchange.
+    pub fn has_events(&self) -> bool {
         self.is_continuous || self.is_sampled
+    }
+
+    /// Whether it is exported for model exchange.
+    pub fn is_for_model_exchange(&self) -> bool {
+        self.has_events() && self.interface_type != Some(InterfaceType::CoSimulation)
+    }
+
+    /// Whether it is exported for co-simulation.
+    pub fn is_for_co_simulation(&self) -> bool {
+        self.interface_type != Some(InterfaceType::ModelExchange)
     }
 
     /// Whether the derivatives of all that a host integrates are known: of the state derivatives and

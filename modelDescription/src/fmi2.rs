@@ -163,5 +163,5 @@ pub(crate) fn interfaces(
     let is_for_exchange = model.is_for_model_exchange();
     root.with_some("numberOfEventIndicators", is_for_exchange.then(|| event_indicators.count()))
         .holding_all(is_for_exchange.then(|| common(exchange)))
-        .holding(common(co_simulation))
+        .holding_all(model.is_for_co_simulation().then(|| common(co_simulation)))
 }

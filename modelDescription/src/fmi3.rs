@@ -64,9 +64,10 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
         .with("providesIntermediateUpdate", model.is_continuous)
         .with("canReturnEarlyAfterIntermediateUpdate", model.is_continuous)
         // In event mode, a step ends at the next sample instant or time event.
-        .with("mightReturnEarlyFromDoStep", model.is_for_model_exchange())
-        .with("hasEventMode", model.is_for_model_exchange());
-    root.holding_all(model.is_for_model_exchange().then_some(exchange)).holding(co_simulation)
+        .with("mightReturnEarlyFromDoStep", model.has_events())
+        .with("hasEventMode", model.has_events());
+    root.holding_all(model.is_for_model_exchange().then_some(exchange))
+        .holding_all(model.is_for_co_simulation().then_some(co_simulation))
 }
 
 /// Corners of the icon and of the coordinate system that it fills.

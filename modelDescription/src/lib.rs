@@ -62,7 +62,7 @@ pub use describe::Origin;
 pub use embedded::{erase_interfaces, read_interfaces};
 #[cfg(feature = "xml")]
 pub use exported::ExportedModel;
-pub use fmi_abi::FmiVersion;
+pub use fmi_abi::{FmiVersion, InterfaceType};
 #[cfg(feature = "table")]
 pub use interface::{Interface, StartOverrides};
 #[cfg(feature = "xml")]

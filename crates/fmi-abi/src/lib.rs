@@ -212,6 +212,15 @@ impl InterfaceType {
             Self::CoSimulation => "co-simulation",
         }
     }
+
+    /// The type with this name among options: its name in the standard, as one word.
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "co-simulation" => Some(Self::CoSimulation),
+            "model-exchange" => Some(Self::ModelExchange),
+            _ => None,
+        }
+    }
 }
 
 /// A group of rows: the interface types that have its functions.

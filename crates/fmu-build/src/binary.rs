@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::ptr;
 
-use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{ExportedModel, FmiVersion, read_interfaces};
+use anyhow::{Context, Result, anyhow, ensure};
+use fmu_description::{ExportedModel, FmiVersion, InterfaceType, read_interfaces};
 use fmu_file::platform::{Platform, Prebuilt};
 
 use crate::library::ModelLibrary;
@@ -60,19 +60,38 @@ impl<'a> PlatformBinary<'a> {
         }
     }
 
-    /// Checks that a binary for a model contains the model in the same version.
+    /// Checks that a binary for a model contains the model in the same version, and the functions of its interface types.
     pub fn check_model(&self, model: &BuiltModel<'_>) -> Result<()> {
-        let ExportedModel { name, guid, .. } = &model.description;
-        if !self.may_have(model) || self.models.iter().any(|known| known.guid == *guid) {
+        if !self.may_have(model) {
             return Ok(());
         }
-        let reason = format!(
+        let checked = self.find(&model.description, model.version);
+        match self.source {
+            BinarySource::Library(_) => checked,
+            BinarySource::File(file) => {
+                checked.map_err(|reason| anyhow!("{} cannot be used: {reason}", file.display()))
+            }
+        }
+    }
+
+    fn find(&self, model: &ExportedModel, version: FmiVersion) -> Result<()> {
+        let ExportedModel { name, guid, .. } = model;
+        ensure!(
+            self.models.iter().any(|known| known.guid == *guid),
             "it does not contain the model {name} with the GUID {guid}; was it built from another version?"
         );
-        match self.source {
-            BinarySource::Library(_) => bail!(reason),
-            BinarySource::File(file) => bail!("{} cannot be used: {reason}", file.display()),
+        for (interface_type, is_needed) in [
+            (InterfaceType::CoSimulation, model.is_for_co_simulation()),
+            (InterfaceType::ModelExchange, model.is_for_model_exchange()),
+        ] {
+            ensure!(
+                !is_needed || has_functions(&self.bytes, version, interface_type),
+                "it does not export the functions of FMI {} for {}; was it exported with another --interface?",
+                version.as_str(),
+                interface_type.as_str()
+            );
         }
+        Ok(())
     }
 }
 
@@ -85,19 +104,26 @@ pub fn drop_replaced(built: &mut Vec<PlatformBinary<'_>>, prebuilt: &[PlatformBi
     });
 }
 
-/// Checks that a binary has the names of the functions of a version of FMI.
+/// Checks that a binary has the names of the functions of a version of FMI, for one of the interface types at least.
 pub fn check_functions(binary: &[u8], version: FmiVersion) -> Result<()> {
-    let name: &[u8] = match version {
-        FmiVersion::Fmi2 => b"fmi2DoStep",
-        FmiVersion::Fmi3 => b"fmi3DoStep",
-    };
-    let mut names = binary.windows(name.len());
+    let mut types = [InterfaceType::CoSimulation, InterfaceType::ModelExchange].into_iter();
     ensure!(
-        names.any(|bytes| bytes == name),
+        types.any(|interface_type| has_functions(binary, version, interface_type)),
         "it does not export the functions of FMI {}",
         version.as_str()
     );
     Ok(())
+}
+
+/// Whether a binary has the name of a function that only one interface type has.. Every binary has the name of `DoStep`.
+fn has_functions(binary: &[u8], version: FmiVersion, interface_type: InterfaceType) -> bool {
+    let name: &[u8] = match (version, interface_type) {
+        (FmiVersion::Fmi2, InterfaceType::CoSimulation) => b"fmi2CancelStep",
+        (FmiVersion::Fmi2, InterfaceType::ModelExchange) => b"fmi2SetTime",
+        (FmiVersion::Fmi3, InterfaceType::CoSimulation) => b"fmi3EnterStepMode",
+        (FmiVersion::Fmi3, InterfaceType::ModelExchange) => b"fmi3SetTime",
+    };
+    binary.windows(name.len()).any(|bytes| bytes == name)
 }
 
 #[cfg(test)]

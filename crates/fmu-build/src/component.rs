@@ -31,7 +31,7 @@ const READS: &str = "fmi:fmi3/resource-dir-callbacks@3.0.0";
 /// Prefix of the names that the encoder gives to the imports of nested components.
 const INNER: &str = "import-";
 
-/// Encodes the module of a library: for co-simulation, and for model exchange if one of its models is.
+/// Encodes the module of a library: for the interface types of its models.
 ///
 /// # Errors
 /// The module does not have the functions of the interface, or reads resources, which the draft does not provide.
@@ -48,9 +48,12 @@ pub fn encode(mut module: Vec<u8>, models: &[ExportedModel], draft: WasmDraft) -
         WasmDraft::WithFunction => INTERFACE.replace(PATH, ""),
     };
     let package = resolve.push_str("component.wit", &interface)?;
-    let world = match models.iter().any(ExportedModel::is_for_model_exchange) {
-        true => "fmu",
-        false => "co-simulation-fmu",
+    let is_for_model_exchange = models.iter().any(ExportedModel::is_for_model_exchange);
+    let is_for_co_simulation = models.iter().any(ExportedModel::is_for_co_simulation);
+    let world = match (is_for_co_simulation, is_for_model_exchange) {
+        (true, true) => "fmu",
+        (false, true) => "model-exchange-fmu",
+        (_, false) => "co-simulation-fmu",
     };
     let world = resolve.select_world(package, Some(world))?;
     let names = names(&resolve, world);

@@ -13,7 +13,7 @@ use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use fmu_description::{ExportedModel, FmiVersion, Naming, read_interfaces};
+use fmu_description::{ExportedModel, FmiVersion, InterfaceType, Naming, read_interfaces};
 use fmu_file::archive::{self, MODEL_DESCRIPTION, Packed};
 #[cfg(not(feature = "wasm"))]
 use fmu_file::platform::TARGET_WASM;
@@ -43,6 +43,10 @@ pub struct ExportOptions {
     /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
     #[arg(long = "fmi", value_name = "VERSION", value_delimiter = ',', default_value = "2.0", value_parser = version())]
     pub versions: Vec<FmiVersion>,
+    /// Interface type, co-simulation or model-exchange; may be repeated. The FMU has nothing of the other type
+    /// [default: as the package says, or all that the model has]
+    #[arg(long = "interface", value_name = "TYPE", value_delimiter = ',', value_parser = interface_type(), hide_possible_values = true)]
+    pub interface_types: Vec<InterfaceType>,
     /// Names of variables: structured as pid.kp, or flat as pid_kp for tools such as Simulink
     /// [default: as the package says, or structured]
     #[arg(long, value_name = "CONVENTION", value_parser = naming())]
@@ -87,6 +91,11 @@ pub struct ExportOptions {
 fn version() -> impl TypedValueParser<Value = FmiVersion> {
     let numbers = PossibleValuesParser::new(FmiVersion::ALL.map(FmiVersion::as_str));
     numbers.map(|number| FmiVersion::named(Some(&number)).unwrap_or_default())
+}
+
+fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
+    let names = PossibleValuesParser::new(["co-simulation", "model-exchange"]);
+    names.map(|name| InterfaceType::named(&name).unwrap_or_default())
 }
 
 fn naming() -> impl TypedValueParser<Value = Naming> {
@@ -295,6 +304,14 @@ impl<'a> Builder<'a> {
         Ok(built)
     }
 
+    /// The only interface type that the FMUs of a library are for, if one is chosen.
+    fn interface_type(&self, library: &ModelLibrary) -> Option<InterfaceType> {
+        match self.options.interface_types.as_slice() {
+            [] => library.interface_type,
+            [first, others @ ..] => Some(*first).filter(|_| others.iter().all(|o| o == first)),
+        }
+    }
+
     /// Builds the binaries of a library for all targets; `variant` is the text of a [`Variant`].
     fn build_library(
         &self,
@@ -313,7 +330,8 @@ impl<'a> Builder<'a> {
                     1 => parts.remove(0),
                     _ => join_mach_o(&parts).context("cannot join the parts of a universal binary")?,
                 };
-                let models = read_interfaces(&bytes).with_context(unusable)?;
+                let models = read_models(&bytes, self.interface_type(library));
+                let models = models.with_context(unusable)?;
                 let bytes = match target.platforms[0].is_wasm() {
                     true => encode_component(bytes, &models, self.options.wasm_draft)
                         .with_context(unusable)?,
@@ -359,6 +377,9 @@ impl<'a> Builder<'a> {
             let settings = &self.profile[recipe.product() as usize];
             build
                 .args(["--features", &library.features(self.version, recipe.product())])
+                .args(self.interface_type(library).into_iter().flat_map(|interface_type| {
+                    ["--features".to_owned(), library.feature_of_interface(interface_type)]
+                }))
                 .args(settings.iter().flat_map(|setting| ["--config", setting]))
                 .without_local_paths(self.metadata, recipe.sources().as_deref());
         }
@@ -488,6 +509,15 @@ impl<'a> Builder<'a> {
         let fmu = ExportedFmu { file: self.out.join(name), size: content.len() as u64, platforms };
         Ok(NewFmu { fmu, content, library: model.library })
     }
+}
+
+/// Reads the interfaces of models in a library that was built for one interface type, or for all.
+fn read_models(
+    library: &[u8],
+    interface_type: Option<InterfaceType>,
+) -> Result<Vec<ExportedModel>> {
+    let models = read_interfaces(library)?.into_iter();
+    Ok(models.map(|model| ExportedModel { interface_type, ..model }).collect())
 }
 
 #[cfg(feature = "wasm")]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
 use clap::Args;
-use fmu_description::{FmiVersion, Naming, Origin};
+use fmu_description::{FmiVersion, InterfaceType, Naming, Origin};
 
 use crate::cargo::{Product, RELEASE};
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
@@ -49,6 +49,8 @@ pub struct ModelLibrary {
     pub origin: Origin,
     /// How the names of variables are written, if the package says so.
     pub naming: Option<Naming>,
+    /// The only interface type to export, if the package says so.
+    pub interface_type: Option<InterfaceType>,
     /// What the GUID follows from.
     pub guid: GuidBasis,
     /// The file of `license-file`.
@@ -159,6 +161,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<ModelLibrary> {
         folder: folder.context("a manifest has a folder")?.into(),
         origin: origin(package),
         naming: naming(package)?,
+        interface_type: interface_type(package)?,
         guid: GuidBasis::of_package(package)?,
         license_file: package.license_file().map(Into::into),
         dependency: renamed.unwrap_or_else(|| FMU_EXPORT.to_owned()),
@@ -242,6 +245,18 @@ fn naming(package: &Package) -> Result<Option<Naming>> {
     Ok(known)
 }
 
+/// `interface` in `[package.metadata.fmu]`.
+fn interface_type(package: &Package) -> Result<Option<InterfaceType>> {
+    let found = &package.metadata["fmu"]["interface"];
+    let known = found.as_str().and_then(InterfaceType::named);
+    ensure!(
+        found.is_null() || known.is_some(),
+        "{}: interface = {found} in [package.metadata.fmu]; expected \"co-simulation\" or \"model-exchange\"",
+        package.manifest_path
+    );
+    Ok(known)
+}
+
 impl ModelLibrary {
     /// The features for a product with the functions of one version of FMI only.
     pub fn features(&self, version: FmiVersion, product: Product) -> String {
@@ -254,6 +269,15 @@ impl ModelLibrary {
             Product::Library | Product::Component => format!("{dependency}/{version}"),
             Product::Sources => format!("{dependency}/{version},{dependency}/sources"),
         }
+    }
+
+    /// The feature for a library with instances of one interface type only.
+    pub fn feature_of_interface(&self, interface_type: InterfaceType) -> String {
+        let feature = match interface_type {
+            InterfaceType::CoSimulation => "co-simulation",
+            InterfaceType::ModelExchange => "model-exchange",
+        };
+        format!("{}/{feature}", self.dependency)
     }
 
     /// Whether a source file mentions one of the names as a word: a library that does is likely to have

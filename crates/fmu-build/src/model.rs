@@ -35,6 +35,7 @@ impl<'a> BuiltModel<'a> {
         version: FmiVersion,
     ) -> Result<Self> {
         let base = description.name.clone();
+        check_interface_type(&description)?;
         let undescribed = || format!("the model {base} cannot be described");
         let root = description.to_xml(version, &library.origin).with_context(undescribed)?;
         let xml = root.document().with_context(undescribed)?;
@@ -55,6 +56,16 @@ impl<'a> BuiltModel<'a> {
             FmiVersion::Fmi3 => format!("{}_fmi3.fmu", self.name()),
         }
     }
+}
+
+/// Checks that a model has the interface type that is to be exported.
+fn check_interface_type(model: &ExportedModel) -> Result<()> {
+    ensure!(
+        model.is_for_co_simulation() || model.is_for_model_exchange(),
+        "the model {} is not for model exchange, as it has neither a sample time nor equations; expected --interface co-simulation",
+        model.name
+    );
+    Ok(())
 }
 
 /// The variables of a model that a version of FMI cannot express, as a list for messages; `None` if there are none.
@@ -163,7 +174,7 @@ fn has_start(variable: &Variable) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use fmu_description::{Naming, xml};
+    use fmu_description::{InterfaceType, Naming, xml};
 
     use super::*;
 
@@ -252,6 +263,26 @@ mod tests {
             ),
         ] {
             assert_eq!(value_of(name, text), Err(expected.into()), "{name}={text}");
+        }
+    }
+
+    #[test]
+    fn a_model_without_the_interface_type_is_refused() {
+        for (chosen, is_sampled, is_there) in [
+            (None, false, true),
+            (Some(InterfaceType::CoSimulation), true, true),
+            (Some(InterfaceType::ModelExchange), true, true),
+            (Some(InterfaceType::ModelExchange), false, false),
+        ] {
+            let model = ExportedModel { interface_type: chosen, is_sampled, ..model() };
+            let checked = check_interface_type(&model).map_err(|error| error.to_string());
+            let expected = match is_there {
+                true => Ok(()),
+                false => Err(
+                    "the model Pid is not for model exchange, as it has neither a sample time nor equations; expected --interface co-simulation".to_owned(),
+                ),
+            };
+            assert_eq!(checked, expected, "{chosen:?} {is_sampled}");
         }
     }
 

@@ -90,10 +90,7 @@ fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
         PossibleValue::new("co-simulation").help("The FMU computes each step"),
         PossibleValue::new("model-exchange").help("The equations of the FMU are integrated"),
     ];
-    PossibleValuesParser::new(known).map(|name| match &*name {
-        "model-exchange" => InterfaceType::ModelExchange,
-        _ => InterfaceType::CoSimulation,
-    })
+    PossibleValuesParser::new(known).map(|name| InterfaceType::named(&name).unwrap_or_default())
 }
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.

@@ -13,7 +13,7 @@ use fmu_description::table::{Bounds, Declaration, History, TypedStart};
 use fmu_description::xml::parse;
 use fmu_description::{
     Causality, DeclaredType, Dynamics, ExportInfo, ExportedModel, FmiVersion, Initial, Interface,
-    ModelDescription, Origin, Type, Value, Variability, Variable, erase_interfaces,
+    InterfaceType, ModelDescription, Origin, Type, Value, Variability, Variable, erase_interfaces,
     read_interfaces,
 };
 use fmu_export::prelude::*;
@@ -118,6 +118,37 @@ fn the_xml_of_each_version_has_all_that_the_struct_says() {
     let mut stepped = description(&SPRING_COPY);
     stepped.is_continuous = false;
     assert!(!xml(&stepped, Fmi2).contains("reinit"), "events of model exchange only");
+}
+
+#[test]
+fn a_description_for_one_interface_type_has_nothing_of_the_other() {
+    for (interface_type, gone, left) in [
+        (
+            InterfaceType::CoSimulation,
+            ["<ModelExchange", "numberOfEventIndicators", "reinit", "<EventIndicator"],
+            ["<CoSimulation", "Derivative"],
+        ),
+        (
+            InterfaceType::ModelExchange,
+            ["<CoSimulation", "intermediateUpdate", "hasEventMode", "canHandleVariable"],
+            ["<ModelExchange", "reinit"],
+        ),
+    ] {
+        let both = description(&SPRING_COPY);
+        let one = ExportedModel { interface_type: Some(interface_type), ..both.clone() };
+        assert_eq!(one.guid, both.guid);
+        for version in FmiVersion::ALL {
+            let xml = xml(&one, version);
+            // FMI 3.0 has events in co-simulation, too.
+            let gone = gone.iter().filter(|name| version == FmiVersion::Fmi2 || **name != "reinit");
+            for name in gone {
+                assert!(!xml.contains(name), "{name} in {xml}");
+            }
+            for name in left {
+                assert!(xml.contains(name), "{name} is missing in {xml}");
+            }
+        }
+    }
 }
 
 #[test]
