@@ -18,3 +18,38 @@
 //! return zero, up to the caller. A call of an instance with a trap returns zero at once. Functions that call each
 //! other in a circle count their depth and trap at `MODEL_CALL_DEPTH`.
 #![forbid(unsafe_code)]
+mod calls;
+mod data;
+mod expression;
+mod function;
+mod locals;
+mod memory;
+mod module;
+mod names;
+mod numeric;
+mod source;
+mod statement;
+
+use std::fmt;
+
+pub use source::{CSource, Options, translate};
+
+/// Why a module cannot be translated.
+#[derive(Debug)]
+pub struct Error(String);
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<wasmparser::BinaryReaderError> for Error {
+    fn from(error: wasmparser::BinaryReaderError) -> Self {
+        Error(format!(
+            "the WebAssembly module is invalid, or needs an extension that is not translated: {error}"
+        ))
+    }
+}

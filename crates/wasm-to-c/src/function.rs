@@ -1,0 +1,858 @@
+//! One function: from the operators of a stack machine to statements and expressions.
+
+use std::collections::{BTreeMap, HashMap};
+
+use wasmparser::{BlockType, FuncType, Operator, ValType};
+
+use crate::Error;
+use crate::calls::Calls;
+use crate::expression::{Expression, Level, c_type};
+use crate::locals::Locals;
+use crate::memory::{Access, access};
+use crate::module::{Module, number};
+use crate::names::sanitized;
+use crate::numeric;
+use crate::source::signature;
+use crate::statement::{Condition, Statement, Writer};
+
+/// A block, a loop, an `if` or the body of the function, while it is translated.
+struct Frame {
+    kind: Kind,
+    label: u32,
+    /// Where the values of its type go.
+    parameters: Vec<Expression>,
+    results: Vec<Expression>,
+    /// How many values were on the stack before it.
+    height: usize,
+    /// What was known of addresses before it.
+    inside: HashMap<String, u64>,
+    /// The statements before it.
+    before: Vec<Statement>,
+    set_in: Vec<String>,
+}
+
+enum Kind {
+    Body,
+    Block,
+    Loop,
+    If(Condition),
+    Else(Condition, Vec<Statement>),
+}
+
+pub struct Function<'a> {
+    module: &'a Module<'a>,
+    calls: &'a Calls,
+    names: &'a BTreeMap<u32, String>,
+    index: u32,
+    function_type: &'a FuncType,
+    /// The types of all locals, and what is known of their use.
+    types: Vec<ValType>,
+    locals: Locals,
+    stack: Vec<Expression>,
+    frames: Vec<Frame>,
+    statements: Vec<Statement>,
+    /// How many bytes from the address in a variable are known to be in memory.
+    inside: HashMap<String, u64>,
+    /// The checks since the last statement that may leave the function.
+    checks: HashMap<String, usize>,
+    /// How many bytes the stack frame has to which a variable points.
+    stack_frames: HashMap<String, u64>,
+    /// The variables for the values of blocks.
+    variables: Vec<(ValType, String)>,
+    labels: u32,
+    temporaries: u32,
+    /// Traps that end the function at a label.
+    traps: BTreeMap<&'static str, &'static str>,
+}
+
+/// The labels at the end of functions that set a trap.
+const OUT_OF_BOUNDS: (&str, &str) = ("out_of_bounds", "OUT_OF_BOUNDS");
+const UNREACHABLE: (&str, &str) = ("unreachable", "UNREACHABLE");
+const DIVISION: (&str, &str) = ("bad_division", "DIVISION");
+const CONVERSION: (&str, &str) = ("bad_conversion", "CONVERSION");
+const DEPTH: (&str, &str) = ("too_deep", "DEPTH");
+
+impl<'a> Function<'a> {
+    /// The definition of a function in C.
+    pub fn translate(
+        module: &'a Module<'a>,
+        calls: &'a Calls,
+        names: &'a BTreeMap<u32, String>,
+        index: u32,
+    ) -> Result<String, Error> {
+        let body = &module.bodies[index as usize - module.imports.len()];
+        let operators = body.get_operators_reader()?.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let function_type = module.function_type(index);
+        let mut types = function_type.params().to_vec();
+        for local in body.get_locals_reader()? {
+            let (count, value_type) = local?;
+            types.extend(std::iter::repeat_n(value_type, count as usize));
+        }
+        types.iter().try_for_each(number)?;
+        let mut function = Function {
+            module,
+            calls,
+            names,
+            index,
+            function_type,
+            locals: Locals::new(&operators, function_type.params().len() as u32),
+            types,
+            stack: Vec::new(),
+            frames: Vec::new(),
+            statements: Vec::new(),
+            inside: HashMap::new(),
+            checks: HashMap::new(),
+            stack_frames: HashMap::new(),
+            variables: Vec::new(),
+            labels: 0,
+            temporaries: 0,
+            traps: BTreeMap::new(),
+        };
+        function.body(&operators)?;
+        Ok(function.definition())
+    }
+
+    fn body(&mut self, operators: &[Operator]) -> Result<(), Error> {
+        self.enter(Kind::Body, &[], self.function_type.results(), None);
+        // How many blocks began since the code became unreachable.
+        let mut unreachable: Option<u32> = None;
+        for (place, operator) in operators.iter().enumerate() {
+            match (&mut unreachable, operator) {
+                (
+                    Some(depth),
+                    Operator::Block { .. } | Operator::Loop { .. } | Operator::If { .. },
+                ) => *depth += 1,
+                (Some(0), Operator::Else) | (Some(0), Operator::End) => {
+                    self.leave(matches!(operator, Operator::Else), false);
+                    unreachable = None;
+                }
+                (Some(depth), Operator::End) => *depth -= 1,
+                (Some(_), _) => {}
+                (None, Operator::Else | Operator::End) => {
+                    self.leave(matches!(operator, Operator::Else), true)
+                }
+                (None, operator) => {
+                    if !self.operator(place, operator)? {
+                        unreachable = Some(0);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The text of the whole function.
+    fn definition(mut self) -> String {
+        let own_traits = &self.calls.traits[&self.index];
+        let parameters: Vec<ValType> = self.function_type.params().to_vec();
+        let head = signature(&self.names[&self.index], own_traits.needs_model, self.function_type);
+        let body = Writer::function(std::mem::take(&mut self.statements));
+        let mut text = format!("static {head} {{\n");
+        for (value_type, names) in self.declarations() {
+            text.push_str(&format!(
+                "    {} {};\n",
+                c_type(value_type),
+                names.join(" = 0, ") + " = 0"
+            ));
+        }
+        if own_traits.counts_depth {
+            text.push_str(
+                "    if (m->depth >= MODEL_CALL_DEPTH) goto too_deep;\n    m->depth++;\n",
+            );
+            self.traps.insert(DEPTH.0, DEPTH.1);
+        }
+        for parameter in (0..parameters.len()).map(|parameter| format!("a{parameter}")) {
+            if !mentions(&body, &parameter) {
+                text.push_str(&format!("    (void){parameter};\n"));
+            }
+        }
+        text.push_str(&body);
+        for (label, trap) in &self.traps {
+            text.push_str(&format!(
+                "{label}:\n    m->trap = MODEL_TRAP_{trap};\n    {}\n",
+                self.return_zero()
+            ));
+        }
+        text.push_str("}\n");
+        text
+    }
+
+    fn declarations(&self) -> BTreeMap<ValType, Vec<String>> {
+        let mut declarations: BTreeMap<ValType, Vec<String>> = BTreeMap::new();
+        let mut add = |value_type, name| declarations.entry(value_type).or_default().push(name);
+        for &local in
+            self.locals.declared_before.iter().filter(|local| self.locals.read.contains(local))
+        {
+            add(self.types[local as usize], self.local_name(local));
+        }
+        for (value_type, name) in &self.variables {
+            add(*value_type, name.clone());
+        }
+        declarations
+    }
+
+    fn return_zero(&self) -> &'static str {
+        if self.function_type.results().is_empty() { "return;" } else { "return 0;" }
+    }
+
+    fn local_name(&self, local: u32) -> String {
+        if (local as usize) < self.function_type.params().len() {
+            return format!("a{local}");
+        }
+        let letter = match self.types[local as usize] {
+            ValType::I32 => 'n',
+            ValType::I64 => 'w',
+            ValType::F32 => 's',
+            _ => 'x',
+        };
+        format!("{letter}{local}")
+    }
+
+    fn pop(&mut self) -> Expression {
+        self.stack.pop().expect("validated: the stack has a value")
+    }
+
+    fn line(&mut self, line: String) {
+        self.statements.push(Statement::Line(line));
+    }
+
+    /// Puts a value into a variable of its own.
+    fn temporary(&mut self, expression: Expression) -> Expression {
+        if expression.is_simple() {
+            return expression;
+        }
+        let name = format!("t{}", self.temporaries);
+        self.temporaries += 1;
+        self.line(format!("{} {name} = {};", c_type(expression.value_type), expression.text));
+        Expression::variable(name, expression.value_type)
+    }
+
+    /// Computes now what is on the stack and would have another value later.
+    fn settle(&mut self, changes: impl Fn(&Expression) -> bool) {
+        for i in 0..self.stack.len() {
+            if changes(&self.stack[i]) {
+                let expression = self.stack[i].clone();
+                let name = format!("t{}", self.temporaries);
+                self.temporaries += 1;
+                self.line(format!(
+                    "{} {name} = {};",
+                    c_type(expression.value_type),
+                    expression.text
+                ));
+                self.stack[i] = Expression::variable(name, expression.value_type);
+            }
+        }
+    }
+
+    fn assign(&mut self, name: &str, declares: Option<ValType>, value: Expression) {
+        let name_owned = name.to_owned();
+        self.settle(|expression| expression.variables.contains(&name_owned));
+        self.inside.remove(name);
+        self.checks.remove(name);
+        self.stack_frames.remove(name);
+        // The result of a call goes to the variable at once.
+        if let Some(Statement::Call { declares: own, result: Some(result), .. }) =
+            self.statements.last_mut()
+            && *result == value.text
+            && self.stack.iter().all(|other| !other.variables.contains(result))
+        {
+            *result = name.to_owned();
+            *own = declares.map(c_type);
+            return;
+        }
+        let declares =
+            declares.map(|value_type| format!("{} ", c_type(value_type))).unwrap_or_default();
+        self.line(format!("{declares}{name} = {};", value.text));
+        if let Some(size) = value.text.strip_prefix("m->g0 - ").and_then(|size| size.parse().ok()) {
+            self.stack_frames.insert(name.to_owned(), size);
+        }
+        if let (Some(&end), true) = (self.inside.get(&value.text), value.constant.is_none()) {
+            self.inside.insert(name.to_owned(), end);
+        }
+    }
+
+    fn set_local(&mut self, place: usize, local: u32) {
+        let value = self.pop();
+        if !self.locals.read.contains(&local) {
+            return self.discard(&value);
+        }
+        let name = self.local_name(local);
+        let declares = self.locals.declared_at.get(&place).map(|&local| self.types[local as usize]);
+        self.assign(&name, declares, value);
+    }
+
+    /// A value that is not needed; compilers warn of variables that are only set.
+    fn discard(&mut self, value: &Expression) {
+        if value.constant.is_none() && value.is_simple() {
+            self.line(format!("(void){};", value.text));
+        }
+    }
+
+    /// Ends the function with a trap if the condition holds.
+    fn trap_if(&mut self, condition: String, (label, trap): (&'static str, &'static str)) {
+        self.traps.insert(label, trap);
+        self.line(format!("if ({condition}) goto {label};"));
+        self.checks.clear();
+    }
+
+    /// The address of an access, after a check that it is in memory.
+    fn address(&mut self, base: Expression, offset: u64, width: u64) -> Expression {
+        let end = offset + width;
+        let size = self.module.memory_size;
+        if let Some(address) = base.constant
+            && address + end <= size
+        {
+            return base;
+        }
+        let base = if base.constant.is_some() {
+            // The compiler would see that the check always fails.
+            let name = format!("t{}", self.temporaries);
+            self.temporaries += 1;
+            self.line(format!("u32 {name} = {};", base.text));
+            Expression::variable(name, ValType::I32)
+        } else {
+            self.temporary(base)
+        };
+        let name = &base.text;
+        self.traps.insert(OUT_OF_BOUNDS.0, OUT_OF_BOUNDS.1);
+        if self.inside.get(name).is_some_and(|&known| known >= end) {
+            return base;
+        }
+        if end > size {
+            self.line(format!("if (MODEL_MEMORY_SIZE < {end}u) goto out_of_bounds;"));
+        }
+        let end = self
+            .stack_frames
+            .get(name)
+            .map_or(end, |&frame| if frame <= size { frame.max(end) } else { end });
+        self.inside.insert(name.clone(), end);
+        match self.checks.get(name).and_then(|&check| self.statements.get_mut(check)) {
+            Some(Statement::Check { end: known, .. }) if end <= size => *known = end,
+            _ => {
+                self.checks.insert(name.clone(), self.statements.len());
+                self.statements.push(Statement::Check { address: name.clone(), end });
+            }
+        }
+        base
+    }
+
+    fn access(&mut self, operation: Access) {
+        let value = operation.is_store.then(|| self.pop());
+        let base = self.pop();
+        let base = self.address(base, operation.argument.offset, operation.width);
+        let offset = operation.argument.offset;
+        let Some(value) = value else {
+            self.stack.push(Expression::load(
+                operation.function,
+                &base,
+                offset,
+                operation.value_type,
+            ));
+            return;
+        };
+        self.settle(|expression| expression.reads_memory);
+        let narrow = operation.value_type == ValType::I64 && operation.width < 8;
+        let value = if narrow { value.cast("(u32)", ValType::I32) } else { value };
+        self.line(format!("{}(m, {}, {offset}, {});", operation.function, base.text, value.text));
+    }
+
+    /// Begins a block of the type.
+    fn enter(
+        &mut self,
+        kind: Kind,
+        parameters: &[ValType],
+        results: &[ValType],
+        place: Option<usize>,
+    ) {
+        let label = self.labels;
+        self.labels += 1;
+        let set =
+            place.and_then(|place| self.locals.set_in.get(&place)).cloned().unwrap_or_default();
+        let set_in: Vec<String> = set.iter().map(|&local| self.local_name(local)).collect();
+        // What is on the stack is needed after the block, or in it.
+        self.settle(|expression| {
+            expression.reads_memory
+                || expression.reads_globals
+                || expression.variables.iter().any(|variable| set_in.contains(variable))
+        });
+        let arguments = self.stack.split_off(self.stack.len() - parameters.len());
+        let parameters = match kind {
+            Kind::Loop => {
+                let variables = self.block_variables('p', label, parameters);
+                self.assign_all(&variables, arguments);
+                variables
+            }
+            _ => arguments,
+        };
+        let is_body = matches!(kind, Kind::Body);
+        let results = if is_body { Vec::new() } else { self.block_variables('r', label, results) };
+        let repeats = matches!(kind, Kind::Loop);
+        self.frames.push(Frame {
+            kind,
+            label,
+            parameters: parameters.clone(),
+            results,
+            height: self.stack.len(),
+            inside: self.inside.clone(),
+            before: std::mem::take(&mut self.statements),
+            set_in,
+        });
+        self.stack.extend(parameters);
+        self.checks.clear();
+        if repeats {
+            self.forget_set();
+        }
+    }
+
+    fn block_variables(&mut self, letter: char, label: u32, types: &[ValType]) -> Vec<Expression> {
+        let mut variables = Vec::new();
+        for (i, &value_type) in types.iter().enumerate() {
+            let name =
+                if i == 0 { format!("{letter}{label}") } else { format!("{letter}{label}_{i}") };
+            self.variables.push((value_type, name.clone()));
+            variables.push(Expression::variable(name, value_type));
+        }
+        variables
+    }
+
+    /// Forgets what was known of variables that the innermost block sets.
+    fn forget_set(&mut self) {
+        let frame = self.frames.last().expect("there is a block");
+        for name in &frame.set_in {
+            self.inside.remove(name);
+            self.stack_frames.remove(name);
+        }
+    }
+
+    fn assign_all(&mut self, variables: &[Expression], values: Vec<Expression>) {
+        // A variable may be needed for the value of another.
+        let several = values.len() > 1;
+        let values: Vec<Expression> = values
+            .into_iter()
+            .map(|value| if several && value.constant.is_none() { self.copy(value) } else { value })
+            .collect();
+        for (variable, value) in variables.iter().zip(values) {
+            if variable.text != value.text {
+                self.line(format!("{} = {};", variable.text, value.text));
+            }
+        }
+    }
+
+    /// A value in a variable that nothing changes.
+    fn copy(&mut self, value: Expression) -> Expression {
+        let name = format!("t{}", self.temporaries);
+        self.temporaries += 1;
+        self.line(format!("{} {name} = {};", c_type(value.value_type), value.text));
+        Expression::variable(name, value.value_type)
+    }
+
+    /// Ends a block, or the first branch of an `if`.
+    fn leave(&mut self, is_else: bool, reachable: bool) {
+        if self.frames.len() == 1 {
+            if reachable {
+                self.return_values();
+            }
+            return;
+        }
+        let results = self.frames.last().expect("there is a block").results.clone();
+        if reachable {
+            let values = self.stack.split_off(self.stack.len() - results.len());
+            self.assign_all(&results, values);
+        }
+        self.checks.clear();
+        let frame = self.frames.last_mut().expect("there is a block");
+        self.inside = frame.inside.clone();
+        self.stack.truncate(frame.height);
+        if is_else {
+            let then = std::mem::take(&mut self.statements);
+            let kind = std::mem::replace(&mut frame.kind, Kind::Block);
+            let Kind::If(condition) = kind else { unreachable!("validated: else is in an if") };
+            frame.kind = Kind::Else(condition, then);
+            self.stack.extend(frame.parameters.clone());
+            return;
+        }
+        self.forget_set();
+        let mut frame = self.frames.pop().expect("there is a block");
+        // Without an else, the parameters are the results.
+        let mut otherwise = Vec::new();
+        if matches!(frame.kind, Kind::If(_)) && !frame.results.is_empty() {
+            let then = std::mem::take(&mut self.statements);
+            self.assign_all(&frame.results, frame.parameters.clone());
+            otherwise = std::mem::replace(&mut self.statements, then);
+        }
+        let body = std::mem::replace(&mut self.statements, std::mem::take(&mut frame.before));
+        let label = frame.label;
+        self.statements.push(match frame.kind {
+            Kind::Loop => Statement::Loop { label, body },
+            Kind::If(condition) => {
+                let branches = Statement::If { condition, then: body, otherwise };
+                Statement::Block { label, body: vec![branches] }
+            }
+            Kind::Else(condition, then) => {
+                let branches = Statement::If { condition, then, otherwise: body };
+                Statement::Block { label, body: vec![branches] }
+            }
+            Kind::Block | Kind::Body => Statement::Block { label, body },
+        });
+        self.stack.extend(frame.results);
+    }
+
+    fn return_values(&mut self) {
+        let counts_depth = self.calls.traits[&self.index].counts_depth;
+        if counts_depth {
+            // Nothing on the stack reads the depth.
+            self.line("m->depth--;".into());
+        }
+        let value = self.function_type.results().first().map(|_| self.pop());
+        self.statements.push(Statement::Exit(match value {
+            Some(value) => format!("return {};", value.text),
+            None if self.frames.len() == 1 && self.traps.is_empty() && !counts_depth => return,
+            None => "return;".into(),
+        }));
+    }
+
+    /// Goes to a block with the values on the stack, which stay there.
+    fn branch(&mut self, depth: u32) {
+        let target = self.frames.len() - 1 - depth as usize;
+        let frame = &self.frames[target];
+        if matches!(frame.kind, Kind::Body) {
+            let stack = self.stack.clone();
+            self.return_values();
+            if !matches!(self.statements.last(), Some(Statement::Exit(_))) {
+                self.statements.push(Statement::Exit("return;".into()));
+            }
+            self.stack = stack;
+            return;
+        }
+        let label = frame.label;
+        let variables = if matches!(frame.kind, Kind::Loop) {
+            frame.parameters.clone()
+        } else {
+            frame.results.clone()
+        };
+        let values = self.stack[self.stack.len() - variables.len()..].to_vec();
+        self.assign_all(&variables, values);
+        self.statements.push(Statement::Goto { condition: None, label });
+    }
+
+    /// How many values a branch takes along.
+    fn arity(&self, depth: u32) -> usize {
+        let frame = &self.frames[self.frames.len() - 1 - depth as usize];
+        match frame.kind {
+            Kind::Body => self.function_type.results().len(),
+            Kind::Loop => frame.parameters.len(),
+            _ => frame.results.len(),
+        }
+    }
+
+    /// The statements of a branch, which is not yet taken.
+    fn branch_aside(&mut self, depth: u32) -> Vec<Statement> {
+        let before = std::mem::take(&mut self.statements);
+        self.branch(depth);
+        std::mem::replace(&mut self.statements, before)
+    }
+
+    fn branch_if(&mut self, depth: u32, condition: Expression) {
+        // The values are needed twice.
+        let arity = self.arity(depth);
+        let begin = self.stack.len() - arity;
+        for i in begin..self.stack.len() {
+            let value = self.stack[i].clone();
+            self.stack[i] = self.temporary(value);
+        }
+        let (holds, fails) = condition.condition();
+        let condition = Condition { holds, fails };
+        let mut then = self.branch_aside(depth);
+        self.checks.clear();
+        let statement = match then.as_slice() {
+            [Statement::Goto { condition: None, label }] => {
+                Statement::Goto { condition: Some(condition), label: *label }
+            }
+            _ => {
+                Statement::If { condition, then: std::mem::take(&mut then), otherwise: Vec::new() }
+            }
+        };
+        self.statements.push(statement);
+    }
+
+    fn branch_table(&mut self, targets: &wasmparser::BrTable) -> Result<(), Error> {
+        let value = self.pop();
+        let mut depths = targets.targets().collect::<Result<Vec<_>, _>>()?;
+        depths.push(targets.default());
+        let arity = self.arity(targets.default());
+        for i in self.stack.len() - arity..self.stack.len() {
+            let value = self.stack[i].clone();
+            self.stack[i] = self.temporary(value);
+        }
+        // Branches that do more than go to a label are blocks behind the switch.
+        let mut labels: HashMap<u32, u32> = HashMap::new();
+        let mut more = Vec::new();
+        for &depth in &depths {
+            if labels.contains_key(&depth) {
+                continue;
+            }
+            let statements = self.branch_aside(depth);
+            let label = match statements.as_slice() {
+                [Statement::Goto { condition: None, label }] => *label,
+                _ => {
+                    self.labels += 1;
+                    more.push((self.labels - 1, statements));
+                    self.labels - 1
+                }
+            };
+            labels.insert(depth, label);
+        }
+        let labels = depths.iter().map(|depth| labels[depth]).collect();
+        let mut inner = vec![Statement::Switch { value: value.text, labels }];
+        for (label, statements) in more {
+            inner = vec![Statement::Block { label, body: inner }];
+            inner.extend(statements);
+        }
+        self.statements.extend(inner);
+        Ok(())
+    }
+
+    /// Calls a function, with the instance if it needs it.
+    fn call(
+        &mut self,
+        name: &str,
+        function_type: &FuncType,
+        needs_model: bool,
+        traps: bool,
+        pointer: Option<Expression>,
+    ) {
+        let values = self.stack.split_off(self.stack.len() - function_type.params().len());
+        let model = needs_model.then(|| "m".to_owned());
+        let arguments = model
+            .into_iter()
+            .chain(pointer.map(|pointer| pointer.text))
+            .chain(values.iter().map(|value| value.text.clone()));
+        let call = format!("{name}({})", arguments.collect::<Vec<_>>().join(", "));
+        let result = function_type.results().first().copied();
+        // A pure function is an expression.
+        if let (false, Some(result)) = (needs_model, result) {
+            let operands: Vec<&Expression> = values.iter().collect();
+            let value = Expression::new(call, Level::Primary, result, &operands);
+            let value = self.temporary(value);
+            return self.stack.push(value);
+        }
+        self.settle(|expression| expression.reads_memory || expression.reads_globals);
+        self.checks.clear();
+        let checked = traps.then(|| self.return_zero());
+        let name = result.map(|_| format!("t{}", self.temporaries));
+        self.temporaries += 1;
+        self.statements.push(Statement::Call {
+            declares: result.map(c_type),
+            result: name.clone(),
+            call,
+            checked,
+        });
+        if let (Some(name), Some(value_type)) = (name, result) {
+            self.stack.push(Expression::variable(name, value_type));
+        }
+    }
+
+    /// The parameters and the results of a block.
+    fn block_type(&self, block_type: BlockType) -> Result<(Vec<ValType>, Vec<ValType>), Error> {
+        let types = match block_type {
+            BlockType::Empty => (Vec::new(), Vec::new()),
+            BlockType::Type(value_type) => (Vec::new(), vec![value_type]),
+            BlockType::FuncType(index) => {
+                let function_type = &self.module.types[index as usize];
+                (function_type.params().to_vec(), function_type.results().to_vec())
+            }
+        };
+        types.0.iter().chain(&types.1).try_for_each(number)?;
+        Ok(types)
+    }
+
+    /// Translates an operator. Returns whether the next one is reached.
+    fn operator(&mut self, place: usize, operator: &Operator) -> Result<bool, Error> {
+        if let Some(operation) = access(operator) {
+            self.access(operation);
+            return Ok(true);
+        }
+        match operator {
+            Operator::Nop => {}
+            Operator::Unreachable => {
+                self.traps.insert(UNREACHABLE.0, UNREACHABLE.1);
+                self.statements.push(Statement::Exit("goto unreachable;".into()));
+                return Ok(false);
+            }
+            Operator::Block { blockty } | Operator::Loop { blockty } => {
+                let (parameters, results) = self.block_type(*blockty)?;
+                let kind = if matches!(operator, Operator::Block { .. }) {
+                    Kind::Block
+                } else {
+                    Kind::Loop
+                };
+                self.enter(kind, &parameters, &results, Some(place));
+            }
+            Operator::If { blockty } => {
+                let (holds, fails) = self.pop().condition();
+                let (parameters, results) = self.block_type(*blockty)?;
+                self.enter(
+                    Kind::If(Condition { holds, fails }),
+                    &parameters,
+                    &results,
+                    Some(place),
+                );
+            }
+            Operator::Br { relative_depth } => {
+                self.branch(*relative_depth);
+                return Ok(false);
+            }
+            Operator::BrIf { relative_depth } => {
+                let condition = self.pop();
+                self.branch_if(*relative_depth, condition);
+            }
+            Operator::BrTable { targets } => {
+                self.branch_table(targets)?;
+                return Ok(false);
+            }
+            Operator::Return => {
+                self.branch(self.frames.len() as u32 - 1);
+                return Ok(false);
+            }
+            Operator::Call { function_index } => {
+                let traits = &self.calls.traits[function_index];
+                let function_type = self.module.function_type(*function_index);
+                let name = &self.names[function_index];
+                self.call(name, function_type, traits.needs_model, traits.traps, None);
+            }
+            Operator::CallIndirect { type_index, table_index: 0 } => {
+                let pointer = self.pop();
+                let function_type = &self.module.types[*type_index as usize];
+                let first = self.module.types.iter().position(|other| other == function_type);
+                let name = format!("call_pointer_{}", first.expect("a type equals itself"));
+                self.call(&name, function_type, true, true, Some(pointer));
+            }
+            Operator::Drop => {
+                let value = self.pop();
+                self.discard(&value);
+            }
+            Operator::Select => {
+                let (condition, other, value) = (self.pop(), self.pop(), self.pop());
+                self.stack.push(value.select(&condition, other));
+            }
+            Operator::LocalGet { local_index } => {
+                let value_type = self.types[*local_index as usize];
+                self.stack.push(Expression::variable(self.local_name(*local_index), value_type));
+            }
+            Operator::LocalSet { local_index } => self.set_local(place, *local_index),
+            Operator::LocalTee { local_index } if self.locals.read.contains(local_index) => {
+                self.set_local(place, *local_index);
+                let value_type = self.types[*local_index as usize];
+                self.stack.push(Expression::variable(self.local_name(*local_index), value_type));
+            }
+            Operator::LocalTee { .. } => {}
+            Operator::GlobalGet { global_index } => {
+                let value_type = self.module.globals[*global_index as usize].value_type;
+                let value =
+                    Expression::new(format!("m->g{global_index}"), Level::Primary, value_type, &[]);
+                self.stack.push(Expression { reads_globals: true, ..value });
+            }
+            Operator::GlobalSet { global_index } => {
+                let value = self.pop();
+                self.settle(|expression| expression.reads_globals);
+                self.line(format!("m->g{global_index} = {};", value.text));
+            }
+            Operator::MemorySize { .. } => {
+                let value = Expression::new("m->pages".into(), Level::Primary, ValType::I32, &[]);
+                self.stack.push(Expression { reads_globals: true, ..value });
+            }
+            Operator::MemoryGrow { .. } => {
+                let pages = self.pop();
+                self.settle(|expression| expression.reads_globals);
+                let value = Expression::call(
+                    "memory_grow",
+                    ValType::I32,
+                    &[&Expression::variable("m".into(), ValType::I32), &pages],
+                );
+                let value = self.copy(value);
+                self.stack.push(value);
+            }
+            Operator::MemoryCopy { .. } | Operator::MemoryFill { .. } => {
+                let (size, from, to) = (self.pop(), self.pop(), self.pop());
+                let (size, from, to) =
+                    (self.temporary(size), self.temporary(from), self.temporary(to));
+                self.settle(|expression| expression.reads_memory);
+                let (size, from, to) = (size.text, from.text, to.text);
+                self.trap_if(format!("!is_inside({to}, {size})"), OUT_OF_BOUNDS);
+                if matches!(operator, Operator::MemoryFill { .. }) {
+                    self.line(format!("memset(m->memory + {to}, (uint8_t){from}, {size});"));
+                } else {
+                    self.trap_if(format!("!is_inside({from}, {size})"), OUT_OF_BOUNDS);
+                    self.line(format!("memmove(m->memory + {to}, m->memory + {from}, {size});"));
+                }
+            }
+            operator => return self.numeric(operator),
+        }
+        Ok(true)
+    }
+
+    fn numeric(&mut self, operator: &Operator) -> Result<bool, Error> {
+        use numeric::Operation;
+        if let Some((value_type, bits)) = numeric::constant(operator) {
+            self.stack.push(Expression::constant(value_type, bits));
+            return Ok(true);
+        }
+        let Some(operation) = numeric::operation(operator) else {
+            let name = format!("{operator:?}");
+            let name = sanitized(name.split([' ', '{']).next().unwrap_or(&name));
+            return Err(Error(format!(
+                "{}: the instruction {name} is not translated",
+                self.names[&self.index]
+            )));
+        };
+        let second = operation.is_binary().then(|| self.pop());
+        let first = self.pop();
+        let (first, second) = match (&operation, second) {
+            (Operation::Divide { operator, signed }, Some(divisor)) => {
+                let signed_division = *signed && *operator == "/";
+                let (first, divisor) = match divisor.constant {
+                    Some(bits)
+                        if bits != 0
+                            && !(signed_division
+                                && numeric::is_minus_one(first.value_type, bits)) =>
+                    {
+                        (first, divisor)
+                    }
+                    // In variables, so that the compiler does not see a division by zero.
+                    Some(_) => (self.copy(first), self.copy(divisor)),
+                    None if signed_division => (self.temporary(first), self.temporary(divisor)),
+                    None => (first, self.temporary(divisor)),
+                };
+                if divisor.constant.is_none() {
+                    self.trap_if(format!("{} == 0", divisor.text), DIVISION);
+                    if signed_division {
+                        let (min, one) = match first.value_type {
+                            ValType::I32 => ("0x80000000u", "UINT32_MAX"),
+                            _ => ("0x8000000000000000u", "UINT64_MAX"),
+                        };
+                        let overflows =
+                            format!("{} == {min} && {} == {one}", first.text, divisor.text);
+                        self.trap_if(overflows, DIVISION);
+                    }
+                }
+                (first, Some(divisor))
+            }
+            (Operation::Truncate { above, below, .. }, _) => {
+                let first = self.temporary(first);
+                self.trap_if(format!("!({0} {above} && {0} {below})", first.text), CONVERSION);
+                (first, None)
+            }
+            (_, second) => (first, second),
+        };
+        self.stack.push(operation.apply(first, second));
+        Ok(true)
+    }
+}
+
+/// Whether an identifier is in the text.
+fn mentions(text: &str, identifier: &str) -> bool {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    text.match_indices(identifier).any(|(i, _)| {
+        !text[..i].ends_with(is_part) && !text[i + identifier.len()..].starts_with(is_part)
+    })
+}

@@ -1,0 +1,43 @@
+/* @DESCRIPTION@: the model, translated from WebAssembly to C.
+
+   The model was written in Rust. The Rust compiler optimized it and compiled it to a WebAssembly module, and each function
+   of the module is a function here: its comment is its path in Rust. Names of variables, types and lines are
+   lost on the way, and many functions of Rust were inlined in others. The state of an instance is in `memory`, at the
+   addresses that the compiler chose, so `load_f64(m, a0, 16)` reads a field 16 bytes from the beginning of a struct.
+   a0, a1, ... are parameters; n, w, s and x are local variables (u32, u64, f32, f64); t, r and p are values in between.
+
+   All addresses are checked. A trap (see model.h) ends the instance: all functions return up to the caller.
+   Floating-point numbers are computed as IEEE 754 says it, operation by operation, so that the results are the same
+   bits on every processor. */
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined __FAST_MATH__ || defined __ASSOCIATIVE_MATH__ || defined __RECIPROCAL_MATH__ || defined __NO_SIGNED_ZEROS__ \
+    || (defined __FINITE_MATH_ONLY__ && __FINITE_MATH_ONLY__ > 0)
+#error "Compile the model without -ffast-math and the options that it implies: its results would have other bits"
+#endif
+#if defined FLT_EVAL_METHOD && FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 1
+#error "Compile the model for the SSE2 unit (gcc: -msse2 -mfpmath=sse): the x87 unit has other bits"
+#endif
+/* No fused multiplication and addition, which rounds once instead of twice. */
+#if defined __clang__ || !defined __GNUC__
+#pragma STDC FP_CONTRACT OFF
+#else
+#pragma GCC optimize("fp-contract=off")
+#endif
+
+#include "model.h"
+
+#if (defined __BYTE_ORDER__ && defined __ORDER_LITTLE_ENDIAN__ && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__) \
+    || defined __x86_64__ || defined __i386__ || defined _M_X64 || defined _M_IX86 || defined _M_ARM64
+#define LITTLE_ENDIAN_MEMORY
+#endif
+
+/* Ends the function unless `end` bytes from the address on are in memory. */
+#define CHECK(address, end) \
+    if ((address) > MODEL_MEMORY_SIZE - (end)) goto out_of_bounds
+
