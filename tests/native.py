@@ -150,7 +150,7 @@ def with_units(u: str, y: str) -> dict[str, str]:
 def compiled(folder: Path, *definitions: str, source: str) -> bytes:
     """Return the binary of a source in tests/c."""
     library = folder / "library.so"
-    options = ["-shared", "-fPIC", "-pthread", "-O1", "-Wall", "-Wextra", "-Werror"]
+    options = ["-shared", "-fPIC", "-pthread", "-Wall", "-Wextra", "-Werror"]
     options += [f"-D{definition}" for definition in definitions]
     command = ["cc", *options, "-o", library, SOURCES / source, "-lm"]
     subprocess.run(command, check=True)
