@@ -18,7 +18,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use session::Session;
 
 use commands::{
-    compare, completions, diff, export, info, merge, new, run, simulate, ssp, sweep, validate,
+    build, compare, completions, diff, export, info, merge, new, run, simulate, ssp, sweep,
+    validate,
 };
 
 /// Write, build, inspect, merge, check, simulate and sweep FMUs
@@ -66,6 +67,17 @@ Examples:
   cargo fmu merge Pid.fmu macos/Pid.fmu -o Pid.fmu"
     )]
     Merge(merge::MergeArgs),
+    /// Compile the C or C++ sources of FMUs, and add the binary for this machine
+    #[command(
+        after_help = "The sources are compiled by their build description (FMI 3.0 and 2.0.4) or their list
+of source files (FMI 2.0). The environment variables CC, CXX, CFLAGS and
+CXXFLAGS choose the compiler and its options. Nothing that was compiled is run.
+
+Examples:
+  cargo fmu build BouncingBall.fmu
+  cargo fmu build vendor/Motor.fmu --out Motor.fmu"
+    )]
+    Build(build::BuildArgs),
     /// Check FMUs as an importer would, and run their binaries
     #[command(after_help = "Exit code: 1 if there is an error, 0 if there are only warnings.
 
@@ -84,6 +96,7 @@ Example:\n  cargo fmu validate target/fmu/*.fmu")]
         )),
         mut_arg("fmus", |arg| arg.hide(true)),
         mut_arg("sandbox", |arg| arg.hide(true)),
+        mut_arg("compile", |arg| arg.hide(true)),
         mut_arg("profile", |arg| arg.default_value("dev")),
         after_help = "The FMUs are for FMI 2.0, and are deleted at the end.
 
@@ -192,8 +205,10 @@ fn execute(command: Command) -> Result<ExitCode> {
         }
         Command::Info(args) => info::run(&args, out)?,
         Command::Merge(args) => until_interrupted(|| merge::run(&args, out))?,
+        Command::Build(args) => return build::run(&args, out),
         Command::Validate(args) => {
-            return until_interrupted(|| validate::run(&args, out)).map(code);
+            let session = Session::end_when_interrupted()?;
+            return validate::run(&args, &session, out).map(code);
         }
         Command::Simulate(args) => return simulate::run(&args, out),
         Command::Run(args) => return run::run(args, out),

@@ -47,6 +47,9 @@ pub fn note(note: &Note) -> String {
 pub fn advice(advice: &Advice) -> String {
     match advice {
         Advice::ListVariables(fmu) => format!("`cargo fmu info {fmu}` lists its variables"),
+        Advice::Compile => {
+            "--compile compiles them, and `cargo fmu build` adds the binary to the FMU".to_owned()
+        }
         Advice::Simulate => "`cargo fmu simulate`".to_owned(),
         Advice::Sweep => "`cargo fmu sweep`".to_owned(),
         Advice::AnotherTable => "another --out".to_owned(),

@@ -112,6 +112,8 @@ fn stable(text: &str, folder: &Path) -> String {
         (r#""[^"]*/crates/fmu-export""#, "\"[CHECKOUT]/crates/fmu-export\""),
         // The progress of a build that takes long.
         (r"(?m)^building \w+: .*\n", ""),
+        // What compilers print.
+        (r"cannot be compiled: .*(\n  .*)+", "cannot be compiled: [COMMAND]"),
         (r"(?m) +$", ""),
     ];
     hidden.iter().fold(text, |text, (pattern, shown)| {

@@ -33,13 +33,21 @@ pub struct CompileControl<'a> {
     pub time_limit: Duration,
     /// Whether the compiler warns, in [`Compiled::log`].
     pub warns: bool,
+    /// Whether the compiler stays in the group of this process, so that whoever kills the group ends it, too. Otherwise,
+    /// it has a group of its own, all of which is killed when it is cancelled or exceeds the time limit.
+    pub stays_in_group: bool,
     /// Is asked now and then whether to stop.
     pub is_cancelled: &'a dyn Fn() -> bool,
 }
 
 impl Default for CompileControl<'_> {
     fn default() -> Self {
-        Self { time_limit: Duration::from_secs(600), warns: false, is_cancelled: &|| false }
+        Self {
+            time_limit: Duration::from_secs(600),
+            warns: false,
+            stays_in_group: false,
+            is_cancelled: &|| false,
+        }
     }
 }
 
@@ -74,7 +82,9 @@ impl Compilers {
         let mut build = cc::Build::new();
         build.target(TARGET).host(TARGET).cpp(is_cpp).opt_level(2).debug(false).pic(true);
         build.static_crt(true).warnings(warns).extra_warnings(false).inherit_rustflags(false);
-        build.cargo_output(false).out_dir(folder);
+        // What cargo reads from build scripts.
+        build.cargo_metadata(false).cargo_warnings(false).cargo_debug(false).cargo_output(false);
+        build.emit_rerun_if_env_changed(false).out_dir(folder);
         let mut names: Vec<OsString> = Vec::new();
         if chosen.is_none() && !TARGET.ends_with("msvc") {
             let others: [&str; 3] =
@@ -148,20 +158,29 @@ impl Call {
 struct Running {
     child: Child,
     index: usize,
+    has_group: bool,
 }
 
 impl Running {
-    fn start(call: &mut Call, index: usize, folder: &Path, limit: Duration) -> Result<Self> {
+    fn start(
+        call: &mut Call,
+        index: usize,
+        folder: &Path,
+        control: &CompileControl<'_>,
+    ) -> Result<Self> {
         let output = File::create(output(folder, index))?;
         let command = &mut call.command;
         command.stdin(Stdio::null()).stdout(output.try_clone()?).stderr(output);
+        let has_group = cfg!(unix) && !control.stays_in_group;
         #[cfg(unix)]
-        std::os::unix::process::CommandExt::process_group(command, 0);
+        if has_group {
+            std::os::unix::process::CommandExt::process_group(command, 0);
+        }
         let child = command.spawn();
         let child = child
             .with_context(|| format!("cannot start {}", command.get_program().to_string_lossy()))?;
-        confine(&child, limit);
-        Ok(Self { child, index })
+        confine(&child, control.time_limit);
+        Ok(Self { child, index, has_group })
     }
 }
 
@@ -185,7 +204,7 @@ impl Drop for Running {
         // It may have ended already.
         let _ = self.child.kill();
         #[cfg(unix)]
-        {
+        if self.has_group {
             use rustix::process::{Pid, Signal, kill_process_group};
             let group = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
             let _ = group.map(|group| kill_process_group(group, Signal::KILL));
@@ -222,7 +241,7 @@ pub fn run(
     while started < calls.len() || !running.is_empty() {
         while started < calls.len() && running.len() < most {
             let call = &mut calls[started];
-            running.push(Running::start(call, started, folder, control.time_limit)?);
+            running.push(Running::start(call, started, folder, control)?);
             started += 1;
         }
         let mut is_waiting = true;
@@ -231,7 +250,8 @@ pub fn run(
             if let Some(status) = status.map_err(|error| CompileError::Unusable(error.into()))? {
                 let index = running.swap_remove(at).index;
                 is_waiting = false;
-                if !status.success() {
+                // Ctrl-C may have ended the compiler first.
+                if !status.success() && !(control.is_cancelled)() {
                     return Err(failed(&calls[index], read_output(folder, index), status));
                 }
             }

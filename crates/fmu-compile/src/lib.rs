@@ -14,8 +14,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use fmu_description::FmiVersion;
 use fmu_description::xml;
+use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{self, Archive, MODEL_DESCRIPTION, Packed};
 
 use crate::description::Recipes;
@@ -59,8 +59,10 @@ pub fn compile(
     let mut archive = Archive::open_sound(fmu)?;
     let text = archive.model_description()?;
     let root = xml::parse(&text).context(MODEL_DESCRIPTION)?;
-    let version = FmiVersion::named(root.attribute("fmiVersion"));
-    let version = version.context("its version of FMI is not supported, expected 2.0 or 3.0")?;
+    if let Some(other) = ModelDescription::other_version(&root) {
+        return Err(CompileError::Description(other));
+    }
+    let version = FmiVersion::named(root.attribute("fmiVersion")).unwrap_or_default();
     let platform = platform(version)?;
     let Recipes { all, mut notes } = Recipes::read(&mut archive, &root, version)?;
 

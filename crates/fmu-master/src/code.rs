@@ -34,6 +34,8 @@ pub(crate) struct UnpackedBinary {
     pub(crate) limits: Limits,
     /// The log categories of warnings and errors, if it declares the categories of the standard.
     pub(crate) problems: Vec<CString>,
+    /// If it was compiled from sources, what was left out of the build description.
+    pub(crate) compiled: Option<Vec<String>>,
 }
 
 impl UnpackedBinary {
@@ -98,20 +100,21 @@ impl UnpackedBinary {
     }
 }
 
-/// Finds the binary for this machine, or the WebAssembly component if there is none, or if it is `required`.
+/// Finds the binary for this machine, or the WebAssembly component if there is none, or if it is `required`. `None` if
+/// there is neither, but sources of which the binary that it would find can be compiled.
 pub(crate) fn find_binary(
     archive: &Archive,
     identifier: &str,
     version: FmiVersion,
     required: bool,
-) -> Result<String> {
+) -> Result<Option<String>> {
     let native = Platform::of_this_machine(version);
     let component = Platform::component(version);
     for platform in [native.filter(|_| !required), component].into_iter().flatten() {
         let binary = platform.binary(identifier);
         // The names in an archive are safe, but the binary must also be in the folder of the platform.
         if archive.names.contains(&binary) && !identifier.contains(['/', '\\']) {
-            return Ok(binary);
+            return Ok(Some(binary));
         }
     }
     ensure!(!required, "it has no WebAssembly component, and native binaries were refused");
@@ -126,8 +129,14 @@ pub(crate) fn find_binary(
             "its binary {other} is not named after the model identifier {identifier:?}, expected {}",
             platform.binary(identifier)
         ),
+        None if has_sources(archive) => Ok(None),
         None => bail!("it has no binary for this machine ({})", platform.folder),
     }
+}
+
+fn has_sources(archive: &Archive) -> bool {
+    let mut names = archive.names.iter();
+    names.any(|name| name.starts_with("sources/") && !name.ends_with('/'))
 }
 
 /// The log categories of warnings and errors that an FMU declares (FMI 2.0.5, section 2.2.4). None if it has no category

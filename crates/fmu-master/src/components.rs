@@ -95,7 +95,9 @@ fn open(
     if let Some(fmu) = fmus.get(&key) {
         return Ok(fmu.clone());
     }
-    let fmu = Arc::new(Fmu::open(&component.fmu, component.interface, &key.2, system.sandbox)?);
+    let Description { sandbox, compilation, .. } = system;
+    let (file, interface) = (&component.fmu, component.interface);
+    let fmu = Arc::new(Fmu::open(file, interface, &key.2, *sandbox, compilation)?);
     fmus.insert(key, fmu.clone());
     Ok(fmu)
 }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::fault::{Amount, Fault};
 use crate::package::SystemOrigin;
 use crate::table::Series;
-use crate::{Experiment, Function, Literal};
+use crate::{Compilation, Experiment, Function, Literal};
 
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -62,6 +62,9 @@ pub struct Description {
     /// How WebAssembly components run.
     #[serde(skip)]
     pub sandbox: Sandbox,
+    /// Whether FMUs are compiled.
+    #[serde(skip)]
+    pub compilation: Compilation,
 }
 
 /// How WebAssembly components run.

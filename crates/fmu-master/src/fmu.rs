@@ -100,6 +100,14 @@ impl Fmu {
         matches!(&self.code, Code::Binary(binary) if binary.is_component())
     }
 
+    /// If it was compiled from its sources, what was left out of its build description.
+    pub(crate) fn compiled(&self) -> Option<&[String]> {
+        match &self.code {
+            Code::Binary(binary) => binary.compiled.as_deref(),
+            Code::Function(_) => None,
+        }
+    }
+
     /// Whether it must not be called again in this process, because of a fatal error.
     pub(crate) fn is_lost(&self) -> bool {
         matches!(&self.code, Code::Binary(binary) if binary.is_lost())

@@ -39,6 +39,7 @@
 mod access_list;
 mod algebraic_loop;
 mod code;
+mod compilation;
 mod component_instance;
 mod components;
 mod connections;
@@ -73,6 +74,7 @@ pub mod table;
 mod table_inputs;
 mod wiring;
 
+pub use compilation::Compilation;
 pub use components::{Components, LoadedComponent};
 pub use description::{Component, Connection, Conversion, Description, Order, Sandbox};
 pub use error::{FailedCall, RunError};

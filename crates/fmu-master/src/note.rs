@@ -12,6 +12,13 @@ pub enum Note {
     RecordedAfterStep(Vec<String>),
     /// These components run as WebAssembly components.
     RunInSandbox(Vec<String>),
+    /// The FMUs of these components were compiled from their sources.
+    Compiled {
+        /// The names of the components.
+        components: Vec<String>,
+        /// What was left out of the build descriptions.
+        left_out: Vec<String>,
+    },
     /// Nothing is recorded, because no output is a number or Boolean.
     NothingRecorded {
         /// Some of the variables that can be recorded, with their types.
@@ -56,6 +63,11 @@ impl Note {
             Self::RunInSandbox(components) => {
                 format!("run as WebAssembly components: {}", components.join(", "))
             }
+            Self::Compiled { components, left_out } => {
+                let mut parts = vec![format!("compiled from sources: {}", components.join(", "))];
+                parts.extend_from_slice(left_out);
+                parts.join("; ")
+            }
             Self::NothingRecorded { recordable, .. } if recordable.is_empty() => {
                 "nothing is recorded, because no variable can be recorded".to_owned()
             }
@@ -86,6 +98,8 @@ impl Note {
 pub enum Advice {
     /// The variables of this FMU can be listed.
     ListVariables(String),
+    /// The FMU can be compiled from its sources.
+    Compile,
     /// The file is a system, not a sweep.
     Simulate,
     /// The file is a sweep, not a system.

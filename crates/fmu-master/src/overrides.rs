@@ -9,7 +9,7 @@ use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
 use crate::table::Series;
-use crate::{Description, Literal, Order, Sandbox};
+use crate::{Compilation, Description, Literal, Order, Sandbox};
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
@@ -55,12 +55,16 @@ pub struct Overrides {
     /// How WebAssembly components run.
     #[arg(skip)]
     pub sandbox: Sandbox,
+    /// Whether FMUs are compiled.
+    #[arg(skip)]
+    pub compilation: Compilation,
 }
 
 impl Overrides {
     /// Applies the overrides to a description, except for the start values, which need the FMUs.
     pub fn apply(&self, description: &mut Description) {
         description.sandbox = self.sandbox;
+        description.compilation = self.compilation.clone();
         description.start = self.start.unwrap_or(description.start);
         description.stop = self.stop.unwrap_or(description.stop);
         description.step = self.step.unwrap_or(description.step);

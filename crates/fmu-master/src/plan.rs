@@ -298,6 +298,13 @@ fn notes(components: &Components, recorded: &[ScalarId]) -> Vec<Note> {
     if !in_sandbox.is_empty() {
         notes.push(Note::RunInSandbox(in_sandbox));
     }
+    let compiled = named(&|_, component| component.fmu.compiled().is_some());
+    if !compiled.is_empty() {
+        let fmus = components.iter().filter_map(|component| component.fmu.compiled());
+        let mut left_out = Vec::from_iter(fmus.flatten().cloned());
+        left_out.dedup();
+        notes.push(Note::Compiled { components: compiled, left_out });
+    }
     if recorded.is_empty() {
         let mut all =
             Vec::from_iter(components.scalars().filter(|p| unrecordable(components, p).is_none()));

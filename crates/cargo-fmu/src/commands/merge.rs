@@ -24,7 +24,7 @@ pub struct MergeArgs {
 }
 
 /// The file of an FMU.
-fn fmu(file: &str) -> Result<PathBuf, &'static str> {
+pub(super) fn fmu(file: &str) -> Result<PathBuf, &'static str> {
     let file = PathBuf::from(file);
     is_fmu(&file).then_some(file).ok_or("expected a name that ends in .fmu")
 }

@@ -1,5 +1,6 @@
 //! The commands with their options and output.
 
+pub mod build;
 pub mod compare;
 pub mod completions;
 pub mod diff;

@@ -15,7 +15,7 @@ use fmu_file::replace;
 use fmu_master::job::{self, Job, SystemSource};
 use fmu_master::run::{self, RunOutcome, SupervisedRun, Watch};
 use fmu_master::table::{Format, header, push_line};
-use fmu_master::{Column, Experiment, Message, Overrides, Row, Statistics};
+use fmu_master::{Column, Compilation, Experiment, Message, Overrides, Row, Statistics};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::limits::Limited;
@@ -48,6 +48,9 @@ pub struct SimulateArgs {
     /// models in Rust
     #[arg(long, value_name = "CATEGORIES", num_args = 0..=1, require_equals = true, value_delimiter = ',')]
     log: Option<Vec<String>>,
+    /// Compile FMUs that have C or C++ sources, but no binary for this machine
+    #[arg(long)]
+    compile: bool,
     #[command(flatten)]
     limited: Limited,
 }
@@ -181,7 +184,8 @@ impl SimulateArgs {
     /// The job of the worker process.
     fn job(&self) -> Job {
         let (file, sandbox) = (self.system.clone(), self.limited.sandbox());
-        let overrides = Overrides { sandbox, ..self.changes.clone() };
+        let compilation = Compilation { is_wanted: self.compile, cache: None };
+        let overrides = Overrides { sandbox, compilation, ..self.changes.clone() };
         let records = self.csv.is_some() || self.page.file.is_some();
         Job::Run { system: SystemSource { file, overrides, ..SystemSource::default() }, records }
     }

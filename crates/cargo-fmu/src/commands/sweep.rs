@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use fmu_master::Overrides;
 use fmu_master::job::{self, Job};
 use fmu_master::sweep::{Outline, Study, SweepProgress, SweepSource, Workers, process_count};
+use fmu_master::{Compilation, Overrides};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::limits::Limited;
@@ -50,6 +50,9 @@ pub struct SweepArgs {
     /// the coordinator of a distributed sweep
     #[arg(long, hide = true, conflicts_with_all = ["file", "rows"])]
     collect: bool,
+    /// Compile FMUs that have C or C++ sources, but no binary for this machine
+    #[arg(long)]
+    compile: bool,
     #[command(flatten)]
     limited: Limited,
 }
@@ -77,6 +80,11 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
             fmus: args.fmus.clone(),
             input: args.input.clone(),
             sandbox: args.limited.sandbox(),
+            compilation: Compilation {
+                is_wanted: args.compile,
+                // The worker processes use what this one compiles.
+                cache: Some(session.folder().join("compiled")),
+            },
             ..Overrides::default()
         },
         ..SweepSource::default()

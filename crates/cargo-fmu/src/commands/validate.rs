@@ -7,10 +7,13 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use fmu_check::{Findings, Probes, Severity, format};
+use fmu_compile::{CompileError, binaries, write_with};
+use tempfile::TempDir;
 
+use super::build::{compile_in, error_about};
 use super::files;
 use super::stale;
-use crate::session;
+use crate::session::{self, Session};
 use crate::ui::{self, ERROR, OK, WARNING};
 
 /// The FMUs to check, and how.
@@ -31,6 +34,9 @@ pub struct ValidateArgs {
     /// Do not run the binaries
     #[arg(long)]
     no_run: bool,
+    /// Compile FMUs that have C or C++ sources, but no binary for this machine, and run what was compiled
+    #[arg(long, conflicts_with_all = ["no_run", "sandbox"])]
+    compile: bool,
     /// Refuse native binaries; run WebAssembly components only
     #[arg(long)]
     sandbox: bool,
@@ -57,7 +63,7 @@ enum Format {
 ///
 /// # Errors
 /// No file matches a pattern, or `out` cannot be written.
-pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
+pub fn run(args: &ValidateArgs, session: &Session, out: &mut impl Write) -> Result<bool> {
     let probes = match args.no_run {
         true => None,
         false => {
@@ -77,8 +83,10 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
     let (mut is_valid, mut checked) = (true, Vec::new());
     for file in &files {
         let mut findings = Findings::keeping(if args.all { Findings::ALL } else { Findings::FEW });
+        let compiled = if args.compile { compiled(file, session)? } else { None };
+        let checked_file = compiled.as_ref().map_or(file.as_path(), |(_, copy)| copy);
         let deadline = Instant::now() + Duration::from_secs(args.total_time.into());
-        fmu_check::check(file, probes.as_ref(), deadline, &mut findings);
+        fmu_check::check(checked_file, probes.as_ref(), deadline, &mut findings);
         is_valid &= findings.errors() == 0;
         match args.format {
             Format::Text => print(file, &findings, out)?,
@@ -91,6 +99,30 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
         Format::Sarif => writeln!(out, "{:#}", format::sarif(&checked))?,
     }
     Ok(is_valid)
+}
+
+/// A copy of an FMU in a temporary folder, with the binary that is compiled from its sources, unless it has one.
+///
+/// # Errors
+/// The copy cannot be written.
+fn compiled(file: &Path, session: &Session) -> Result<Option<(TempDir, PathBuf)>> {
+    // The validator reports what it cannot read.
+    if !matches!(binaries(file), Ok(present) if present.is_empty()) {
+        return Ok(None);
+    }
+    let folder = tempfile::tempdir_in(session.folder())?;
+    match compile_in(folder.path(), file, false, session) {
+        Ok(compiled) => {
+            let copy = folder.path().join("copy.fmu");
+            write_with(file, &compiled.libraries, &copy)?;
+            Ok(Some((folder, copy)))
+        }
+        Err(CompileError::NoSources) => Ok(None),
+        Err(error) => {
+            ui::warn(&format!("{:#}", error_about(file, error)));
+            Ok(None)
+        }
+    }
 }
 
 fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {

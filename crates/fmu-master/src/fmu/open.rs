@@ -13,9 +13,9 @@ use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_host::{InterfaceType, Limits, ProcessOwned};
 
 use super::{Fmu, Scalar, Sizes};
-use crate::Sandbox;
 use crate::code::{Code, UnpackedBinary, find_binary, problem_categories};
 use crate::declarations::units;
+use crate::{Advice, Compilation, Sandbox};
 
 impl Fmu {
     /// Reads and unpacks a file, with these values of structural parameters, which are the sizes of arrays.
@@ -27,8 +27,9 @@ impl Fmu {
         wanted: Option<InterfaceType>,
         sizes: &Sizes,
         sandbox: Sandbox,
+        compilation: &Compilation,
     ) -> Result<Self> {
-        let read = Self::read(path, wanted, sizes, sandbox);
+        let read = Self::read(path, wanted, sizes, sandbox, compilation);
         read.with_context(|| format!("{} cannot be used", path.display()))
     }
 
@@ -37,6 +38,7 @@ impl Fmu {
         wanted: Option<InterfaceType>,
         sizes: &Sizes,
         sandbox: Sandbox,
+        compilation: &Compilation,
     ) -> Result<Self> {
         let mut archive = Archive::open_sound(path)?;
         let text = archive.model_description()?;
@@ -45,13 +47,30 @@ impl Fmu {
         let model = ModelDescription::read(&root)?;
         let (interface_type, interface) = interface(&model, wanted)?;
         let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
-        let binary = find_binary(&archive, identifier, model.version, sandbox.is_required)?;
+        let found = find_binary(&archive, identifier, model.version, sandbox.is_required)?;
+        let binary = match (&found, compilation.is_wanted) {
+            (Some(binary), _) => binary.clone(),
+            (None, is_wanted) => {
+                let platform = fmu_compile::platform(model.version)?;
+                if !is_wanted {
+                    let folder = platform.folder;
+                    let text =
+                        format!("it has no binary for this machine ({folder}), but sources; ");
+                    return Err(Advice::Compile.after(text));
+                }
+                platform.binary(identifier)
+            }
+        };
         let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
         archive.unpack("", folder.path()).with_context(|| {
             format!("it cannot be unpacked to the folder {}", folder.path().display())
         })?;
+        let compiled = match found {
+            Some(_) => None,
+            None => Some(compilation.add(path, &binary, folder.path())?),
+        };
         let indicators = root.attribute("numberOfEventIndicators");
         let indicators = indicators.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
         let count = model.variables().map(|(_, v)| v.element_count());
@@ -111,6 +130,7 @@ impl Fmu {
                     memory: sandbox.memory.map(|bytes| bytes.try_into().unwrap_or(usize::MAX)),
                 },
                 problems: problem_categories(&root),
+                compiled,
             }),
             only_once,
             states: states(&model),
