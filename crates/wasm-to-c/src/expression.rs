@@ -190,12 +190,18 @@ impl Expression {
     /// An operation with two operands of one type.
     pub fn binary(self, operator: &str, other: Self) -> Self {
         let value_type = self.value_type;
-        if let ("&" | "|", Some((not_left, _)), Some((not_right, _))) =
+        if let ("&" | "|", Some((not_left, left_level)), Some((not_right, right_level))) =
             (operator, &self.negation, &other.negation)
         {
             let opposite = if operator == "&" { "||" } else { "&&" };
-            let text = format!("({}) {operator}{operator} ({})", self.text, other.text);
-            let negation = format!("({not_left}) {opposite} ({not_right})");
+            let side = |text: &str, level| parenthesized(text, level, Level::Comparison);
+            let (left, right) = (side(&self.text, self.level), side(&other.text, other.level));
+            let text = format!("{left} {operator}{operator} {right}");
+            let negation = format!(
+                "{} {opposite} {}",
+                side(not_left, *left_level),
+                side(not_right, *right_level)
+            );
             let expression = Self::new(text, Level::Other, value_type, &[&self, &other]);
             return Expression { negation: Some((negation, Level::Other)), ..expression };
         }
@@ -213,6 +219,11 @@ impl Expression {
         let both = self.constant.is_some() && other.constant.is_some() && !is_float(value_type);
         let left = if both { self.typed(left) } else { self.operand(left) };
         let text = match (operator, other.constant) {
+            ("&", Some(255))
+                if self.text.starts_with("load_u8(") && self.level == Level::Primary =>
+            {
+                return self;
+            }
             ("+", Some(bits)) if negative(value_type, bits) => {
                 format!("{left} - {}", bits.wrapping_neg() & all_ones(value_type))
             }

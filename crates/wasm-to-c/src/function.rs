@@ -7,6 +7,7 @@ use wasmparser::{BlockType, FuncType, Operator, ValType};
 use crate::Error;
 use crate::calls::Calls;
 use crate::expression::{Expression, Level, c_type};
+use crate::facts::Facts;
 use crate::locals::Locals;
 use crate::memory::{Access, access};
 use crate::module::{Module, number};
@@ -24,8 +25,9 @@ struct Frame {
     results: Vec<Expression>,
     /// How many values were on the stack before it.
     height: usize,
-    /// What was known of addresses before it.
-    inside: HashMap<String, u64>,
+    /// What was known of addresses before it, and what is known at every jump to its end.
+    facts: Facts,
+    facts_behind: Option<Facts>,
     /// The statements before it.
     before: Vec<Statement>,
     set_in: Vec<String>,
@@ -51,12 +53,9 @@ pub struct Function<'a> {
     stack: Vec<Expression>,
     frames: Vec<Frame>,
     statements: Vec<Statement>,
-    /// How many bytes from the address in a variable are known to be in memory.
-    inside: HashMap<String, u64>,
+    facts: Facts,
     /// The checks since the last statement that may leave the function.
     checks: HashMap<String, usize>,
-    /// How many bytes the stack frame has to which a variable points.
-    stack_frames: HashMap<String, u64>,
     /// The variables for the values of blocks.
     variables: Vec<(ValType, String)>,
     labels: u32,
@@ -100,9 +99,8 @@ impl<'a> Function<'a> {
             stack: Vec::new(),
             frames: Vec::new(),
             statements: Vec::new(),
-            inside: HashMap::new(),
+            facts: Facts::default(),
             checks: HashMap::new(),
-            stack_frames: HashMap::new(),
             variables: Vec::new(),
             labels: 0,
             temporaries: 0,
@@ -150,28 +148,23 @@ impl<'a> Function<'a> {
         let mut text = format!("static {head} {{\n");
         for (value_type, names) in self.declarations() {
             text.push_str(&format!(
-                "    {} {};\n",
+                "  {} {};\n",
                 c_type(value_type),
                 names.join(" = 0, ") + " = 0"
             ));
         }
         if own_traits.counts_depth {
-            text.push_str(
-                "    if (m->depth >= MODEL_CALL_DEPTH) goto too_deep;\n    m->depth++;\n",
-            );
+            text.push_str("  if (m->depth >= MODEL_CALL_DEPTH) goto too_deep;\n  m->depth++;\n");
             self.traps.insert(DEPTH.0, DEPTH.1);
         }
         for parameter in (0..parameters.len()).map(|parameter| format!("a{parameter}")) {
             if !mentions(&body, &parameter) {
-                text.push_str(&format!("    (void){parameter};\n"));
+                text.push_str(&format!("  (void){parameter};\n"));
             }
         }
         text.push_str(&body);
         for (label, trap) in &self.traps {
-            text.push_str(&format!(
-                "{label}:\n    m->trap = MODEL_TRAP_{trap};\n    {}\n",
-                self.return_zero()
-            ));
+            text.push_str(&format!("{label}: TRAP({trap}); {}\n", self.return_zero()));
         }
         text.push_str("}\n");
         text
@@ -247,9 +240,8 @@ impl<'a> Function<'a> {
     fn assign(&mut self, name: &str, declares: Option<ValType>, value: Expression) {
         let name_owned = name.to_owned();
         self.settle(|expression| expression.variables.contains(&name_owned));
-        self.inside.remove(name);
+        self.facts.forget(name);
         self.checks.remove(name);
-        self.stack_frames.remove(name);
         // The result of a call goes to the variable at once.
         if let Some(Statement::Call { declares: own, result: Some(result), .. }) =
             self.statements.last_mut()
@@ -263,12 +255,14 @@ impl<'a> Function<'a> {
         let declares =
             declares.map(|value_type| format!("{} ", c_type(value_type))).unwrap_or_default();
         self.line(format!("{declares}{name} = {};", value.text));
-        if let Some(size) = value.text.strip_prefix("m->g0 - ").and_then(|size| size.parse().ok()) {
-            self.stack_frames.insert(name.to_owned(), size);
+        if self.module.heap_base.is_some()
+            && let Some(size) =
+                value.text.strip_prefix("m->g0 - ").and_then(|size| size.parse().ok())
+        {
+            // Linkers make the first global the stack pointer.
+            self.facts.set_frame(name, size);
         }
-        if let (Some(&end), true) = (self.inside.get(&value.text), value.constant.is_none()) {
-            self.inside.insert(name.to_owned(), end);
-        }
+        self.facts.copy(name, &value.text);
     }
 
     fn set_local(&mut self, place: usize, local: u32) {
@@ -315,17 +309,14 @@ impl<'a> Function<'a> {
         };
         let name = &base.text;
         self.traps.insert(OUT_OF_BOUNDS.0, OUT_OF_BOUNDS.1);
-        if self.inside.get(name).is_some_and(|&known| known >= end) {
+        if self.facts.inside(name) >= end {
             return base;
         }
         if end > size {
             self.line(format!("if (MODEL_MEMORY_SIZE < {end}u) goto out_of_bounds;"));
         }
-        let end = self
-            .stack_frames
-            .get(name)
-            .map_or(end, |&frame| if frame <= size { frame.max(end) } else { end });
-        self.inside.insert(name.clone(), end);
+        let end = if end > size { end } else { self.facts.end_to_check(name, end).min(size) };
+        self.facts.set_inside(name, end);
         match self.checks.get(name).and_then(|&check| self.statements.get_mut(check)) {
             Some(Statement::Check { end: known, .. }) if end <= size => *known = end,
             _ => {
@@ -393,14 +384,18 @@ impl<'a> Function<'a> {
             parameters: parameters.clone(),
             results,
             height: self.stack.len(),
-            inside: self.inside.clone(),
+            facts: self.facts.clone(),
+            facts_behind: None,
             before: std::mem::take(&mut self.statements),
             set_in,
         });
         self.stack.extend(parameters);
         self.checks.clear();
         if repeats {
-            self.forget_set();
+            // Another turn may have set them.
+            for name in &self.frames.last().expect("it was pushed").set_in {
+                self.facts.forget(name);
+            }
         }
     }
 
@@ -415,12 +410,11 @@ impl<'a> Function<'a> {
         variables
     }
 
-    /// Forgets what was known of variables that the innermost block sets.
-    fn forget_set(&mut self) {
-        let frame = self.frames.last().expect("there is a block");
-        for name in &frame.set_in {
-            self.inside.remove(name);
-            self.stack_frames.remove(name);
+    /// Remembers what is known at a jump to the end of a block.
+    fn join(&mut self, frame: usize) {
+        match &mut self.frames[frame].facts_behind {
+            Some(facts) => facts.meet(&self.facts),
+            none => *none = Some(self.facts.clone()),
         }
     }
 
@@ -454,16 +448,18 @@ impl<'a> Function<'a> {
             }
             return;
         }
-        let results = self.frames.last().expect("there is a block").results.clone();
+        let innermost = self.frames.len() - 1;
+        let results = self.frames[innermost].results.clone();
         if reachable {
             let values = self.stack.split_off(self.stack.len() - results.len());
             self.assign_all(&results, values);
+            self.join(innermost);
         }
         self.checks.clear();
-        let frame = self.frames.last_mut().expect("there is a block");
-        self.inside = frame.inside.clone();
+        let frame = &mut self.frames[innermost];
         self.stack.truncate(frame.height);
         if is_else {
+            self.facts = frame.facts.clone();
             let then = std::mem::take(&mut self.statements);
             let kind = std::mem::replace(&mut frame.kind, Kind::Block);
             let Kind::If(condition) = kind else { unreachable!("validated: else is in an if") };
@@ -471,8 +467,12 @@ impl<'a> Function<'a> {
             self.stack.extend(frame.parameters.clone());
             return;
         }
-        self.forget_set();
+        if matches!(frame.kind, Kind::If(_)) {
+            self.facts = frame.facts.clone();
+            self.join(innermost);
+        }
         let mut frame = self.frames.pop().expect("there is a block");
+        self.facts = frame.facts_behind.take().unwrap_or_default();
         // Without an else, the parameters are the results.
         let mut otherwise = Vec::new();
         if matches!(frame.kind, Kind::If(_)) && !frame.results.is_empty() {
@@ -504,6 +504,20 @@ impl<'a> Function<'a> {
             self.line("m->depth--;".into());
         }
         let value = self.function_type.results().first().map(|_| self.pop());
+        // The caller checks the trap of a call that is the last.
+        if let Some(Statement::Call { declares, result, call, checked }) =
+            self.statements.last_mut()
+        {
+            match &value {
+                Some(value) if result.as_ref() == Some(&value.text) && declares.is_some() => {
+                    let line = format!("return {call};");
+                    self.statements.pop();
+                    return self.statements.push(Statement::Exit(line));
+                }
+                Some(_) => {}
+                None => *checked = None,
+            }
+        }
         self.statements.push(Statement::Exit(match value {
             Some(value) => format!("return {};", value.text),
             None if self.frames.len() == 1 && self.traps.is_empty() && !counts_depth => return,
@@ -524,6 +538,10 @@ impl<'a> Function<'a> {
             self.stack = stack;
             return;
         }
+        if !matches!(frame.kind, Kind::Loop) {
+            self.join(target);
+        }
+        let frame = &self.frames[target];
         let label = frame.label;
         let variables = if matches!(frame.kind, Kind::Loop) {
             frame.parameters.clone()
@@ -676,6 +694,12 @@ impl<'a> Function<'a> {
             Operator::Nop => {}
             Operator::Unreachable => {
                 self.traps.insert(UNREACHABLE.0, UNREACHABLE.1);
+                // A function that never returns has set the trap.
+                if let Some(Statement::Call { declares, result, checked, .. }) =
+                    self.statements.last_mut()
+                {
+                    (*declares, *result, *checked) = (None, None, None);
+                }
                 self.statements.push(Statement::Exit("goto unreachable;".into()));
                 return Ok(false);
             }
@@ -778,13 +802,9 @@ impl<'a> Function<'a> {
                     (self.temporary(size), self.temporary(from), self.temporary(to));
                 self.settle(|expression| expression.reads_memory);
                 let (size, from, to) = (size.text, from.text, to.text);
-                self.trap_if(format!("!is_inside({to}, {size})"), OUT_OF_BOUNDS);
-                if matches!(operator, Operator::MemoryFill { .. }) {
-                    self.line(format!("memset(m->memory + {to}, (uint8_t){from}, {size});"));
-                } else {
-                    self.trap_if(format!("!is_inside({from}, {size})"), OUT_OF_BOUNDS);
-                    self.line(format!("memmove(m->memory + {to}, m->memory + {from}, {size});"));
-                }
+                let function =
+                    if matches!(operator, Operator::MemoryFill { .. }) { "fill" } else { "copy" };
+                self.trap_if(format!("!memory_{function}(m, {to}, {from}, {size})"), OUT_OF_BOUNDS);
             }
             operator => return self.numeric(operator),
         }

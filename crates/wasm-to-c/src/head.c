@@ -37,6 +37,10 @@
 #define LITTLE_ENDIAN_MEMORY
 #endif
 
+/* Ends the instance, which keeps its first reason. */
+#define TRAP(reason) \
+    if (m->trap == MODEL_TRAP_NONE) m->trap = MODEL_TRAP_##reason
+
 /* Ends the function unless `end` bytes from the address on are in memory. */
 #define CHECK(address, end) \
     if ((address) > MODEL_MEMORY_SIZE - (end)) goto out_of_bounds

@@ -21,6 +21,7 @@
 mod calls;
 mod data;
 mod expression;
+mod facts;
 mod function;
 mod locals;
 mod memory;

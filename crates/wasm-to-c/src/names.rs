@@ -2,9 +2,26 @@
 
 use std::collections::HashSet;
 
-/// The path of a function in Rust, from the symbol that the compiler made of it.
+/// The path of a function in Rust, from the symbol that the compiler made of it. Within angle brackets, types have only
+/// their names.
 pub fn rust_path(symbol: &str) -> String {
-    format!("{:#}", rustc_demangle::demangle(symbol))
+    let path = format!("{:#}", rustc_demangle::demangle(symbol));
+    let (mut text, mut depth, mut begin) = (String::new(), 0, 0);
+    for (i, c) in path.char_indices() {
+        match c {
+            '<' => depth += 1,
+            '>' if !path[..i].ends_with('-') => depth -= 1,
+            _ => {}
+        }
+        text.push(c);
+        if depth > 0 && text.ends_with("::") {
+            text.truncate(begin);
+        }
+        if !c.is_alphanumeric() && c != '_' && c != ':' {
+            begin = text.len();
+        }
+    }
+    text
 }
 
 /// Turns paths into identifiers, each of which is made once.

@@ -128,6 +128,21 @@ static inline int is_inside(u32 address, u32 n) {
     return n <= MODEL_MEMORY_SIZE && address <= MODEL_MEMORY_SIZE - n;
 }
 
+/* Copies bytes, or fills memory with a byte; nothing happens if they are not inside. */
+static inline int memory_copy(Model *m, u32 to, u32 from, u32 size) {
+    if (!is_inside(to, size) || !is_inside(from, size))
+        return 0;
+    memmove(m->memory + to, m->memory + from, size);
+    return 1;
+}
+
+static inline int memory_fill(Model *m, u32 to, u32 byte, u32 size) {
+    if (!is_inside(to, size))
+        return 0;
+    memset(m->memory + to, (int)(byte & 255), size);
+    return 1;
+}
+
 static inline u32 memory_grow(Model *m, u32 pages) {
     u32 before = m->pages;
     if (pages > MODEL_MEMORY_SIZE / 65536u - before)

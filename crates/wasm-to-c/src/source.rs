@@ -77,8 +77,8 @@ pub fn translate(module: &[u8], options: &Options) -> Result<CSource, Error> {
         );
         let _ = writeln!(body, "static {signature};");
     }
-    body.push_str(&dispatchers(&module, &calls, &names));
-    body.push_str(&definitions);
+    let (prototypes, dispatchers) = dispatchers(&module, &calls, &names);
+    let _ = write!(body, "{prototypes}\n{definitions}{dispatchers}");
 
     let mut declarations = String::new();
     for (name, index) in &exports {
@@ -96,7 +96,7 @@ pub fn translate(module: &[u8], options: &Options) -> Result<CSource, Error> {
             [] => ("return;", call),
             _ => ("return 0;", format!("return {call}")),
         };
-        let _ = write!(body, "{signature} {{\n    if (m->trap) {zero}\n    {call}\n}}\n\n");
+        let _ = write!(body, "{signature} {{\n  if (m->trap) {zero}\n  {call}\n}}\n\n");
     }
     body.push_str(&initialization(&module, &calls, &names));
 
@@ -206,72 +206,66 @@ fn name_exports(module: &Module) -> Result<Vec<(String, u32)>, Error> {
     Ok(exports.into_iter().collect())
 }
 
-/// A function for each type by which the module calls function pointers.
-fn dispatchers(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) -> String {
-    let mut text = String::new();
-    for (&type_index, places) in &calls.pointers {
+/// The prototypes and the definitions of a function for each type by which the module calls function pointers.
+fn dispatchers(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) -> (String, String) {
+    let (mut prototypes, mut text) = (String::new(), String::new());
+    for (&type_index, functions) in &calls.pointers {
         let function_type = &module.types[type_index as usize];
         let returns = !function_type.results().is_empty();
-        let mut with_pointer = vec![ValType::I32];
-        with_pointer.extend(function_type.params());
-        let pointer_type = FuncType::new(with_pointer, function_type.results().to_vec());
-        let name = format!("call_pointer_{type_index}");
-        let mut cases = String::new();
-        for (function, places) in places {
-            let traits = &calls.traits[function];
-            let own =
-                signature(&names[function], traits.needs_model, module.function_type(*function));
-            if *function >= module.imports.len() as u32 {
-                let _ = writeln!(text, "static {own};");
-            }
+        let types = [&[ValType::I32], function_type.params()].concat();
+        let pointer_type = FuncType::new(types, function_type.results().to_vec());
+        let head = format!(
+            "static {}",
+            signature(&format!("call_pointer_{type_index}"), true, &pointer_type)
+        );
+        let _ = writeln!(prototypes, "{head};");
+        let _ = writeln!(
+            text,
+            "/* Calls the function to which a0 points. */\n{head} {{\n  switch (a0) {{"
+        );
+        for (function, places) in functions {
             let mut arguments: Vec<String> =
                 (1..=function_type.params().len()).map(|i| format!("a{i}")).collect();
-            if traits.needs_model {
+            if calls.traits[function].needs_model {
                 arguments.insert(0, "m".into());
             }
             let labels: Vec<String> = places.iter().map(|place| format!("case {place}:")).collect();
             let call = format!("{}({});", names[function], arguments.join(", "));
             let call = if returns { format!("return {call}") } else { format!("{call} return;") };
-            let _ = writeln!(cases, "    {} {call}", labels.join(" "));
+            let _ = writeln!(text, "  {} {call}", labels.join(" "));
         }
-        let _ = write!(
-            text,
-            "\n/* Calls the function to which a0 points. */\nstatic {} {{\n    switch (a0) {{\n{cases}    }}\n    m->trap = \
-             MODEL_TRAP_CALL;\n",
-            signature(&name, true, &pointer_type)
-        );
-        for i in (1..=function_type.params().len()).filter(|_| places.is_empty()) {
-            let _ = writeln!(text, "    (void)a{i};");
+        text.push_str("  }\n");
+        for i in (1..=function_type.params().len()).filter(|_| functions.is_empty()) {
+            let _ = writeln!(text, "  (void)a{i};");
         }
-        text.push_str(if returns { "    return 0;\n}\n\n" } else { "}\n\n" });
+        let _ = writeln!(text, "  TRAP(CALL);{}\n}}\n", if returns { " return 0;" } else { "" });
     }
-    text
+    (prototypes, text)
 }
 
 /// The function that initializes an instance.
 fn initialization(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) -> String {
     let (mut constants, mut lines) = (String::new(), String::new());
     for (index, global) in module.globals.iter().enumerate() {
-        let _ =
-            writeln!(lines, "    m->g{index} = {};", literal(global.value_type, global.value).0);
+        let _ = writeln!(lines, "  m->g{index} = {};", literal(global.value_type, global.value).0);
     }
     let rows = module.segments.iter().flat_map(|segment| rows(segment.address, segment.bytes));
     for (index, row) in rows.enumerate() {
         let size = row.bytes.len();
         let _ = write!(constants, "static const char data{index}[{}] =", size + 1);
         for piece in row.bytes.chunks(64) {
-            let _ = write!(constants, "\n    \"{}\"", string(piece));
+            let _ = write!(constants, "\n  \"{}\"", string(piece));
         }
         constants.push_str(";\n");
-        let _ = writeln!(lines, "    memcpy(m->memory + {}, data{index}, {size});", row.address);
+        let _ = writeln!(lines, "  memcpy(m->memory + {}, data{index}, {size});", row.address);
     }
     if let Some(start) = module.start {
         let model = if calls.traits[&start].needs_model { "m" } else { "" };
-        let _ = writeln!(lines, "    {}({model});", names[&start]);
+        let _ = writeln!(lines, "  {}({model});", names[&start]);
     }
     format!(
-        "{constants}\nvoid MODEL(init)(Model *m) {{\n    m->trap = MODEL_TRAP_NONE;\n    m->depth = 0;\n    \
-         m->pages = {};\n    memset(m->memory, 0, MODEL_MEMORY_SIZE);\n{lines}}}\n",
+        "{constants}\nvoid MODEL(init)(Model *m) {{\n  m->trap = MODEL_TRAP_NONE;\n  m->depth = 0;\n  \
+         m->pages = {};\n  memset(m->memory, 0, MODEL_MEMORY_SIZE);\n{lines}}}\n",
         module.pages
     )
 }

@@ -56,7 +56,7 @@ pub enum Statement {
 use Statement::{Block, Call, Check, Exit, Goto, If, Line, Loop, Switch};
 
 /// Deeper statements are not indented any more; compilers allow 127 levels.
-const DEEPEST: usize = 24;
+const DEEPEST: usize = 16;
 
 /// Where a statement is.
 #[derive(Clone, Copy)]
@@ -86,7 +86,7 @@ impl Writer {
     }
 
     fn line(&mut self, depth: usize, line: &str) {
-        let _ = writeln!(self.text, "{:width$}{line}", "", width = 4 * depth.min(DEEPEST));
+        let _ = writeln!(self.text, "{:width$}{line}", "", width = 2 * depth.min(DEEPEST));
     }
 
     fn list(&mut self, statements: Vec<Statement>, place: Place) {
