@@ -328,10 +328,15 @@ impl Start {
             let text = fs::read_to_string(&path);
             (path, text)
         };
-        #[cfg(target_arch = "wasm32")]
+        #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
         let (path, text) = {
             let path = name_of_resource(file.as_ref())?;
             (path, crate::resources::read_resource(path))
+        };
+        #[cfg(all(target_arch = "wasm32", feature = "sources"))]
+        let (path, text) = {
+            let path = name_of_resource(file.as_ref())?;
+            (path, crate::resources::read_resource(&self.resources, path))
         };
         text.map_err(|error| {
             ModelError::new(format_args!("cannot read the resource {}: {error}", path.display()))

@@ -57,6 +57,9 @@ impl Interface<'_> {
         if !is_fmi2 && imports("intermediate_update") {
             parts.push(text!("fmi3_update"));
         }
+        if imports("read_resource") {
+            parts.push(text!("resources"));
+        }
         parts.push(text!("instantiate"));
         parts.push(of_version(text!("fmi2_instantiate"), text!("fmi3_instantiate")));
         self.fill_in(&parts.concat()) + &self.functions()
@@ -325,6 +328,11 @@ impl Function {
                 format!("out_array(&call, {name}, {length}, 4)"),
                 if_ok(format!("get_sizes(&call, {at}, {name}, {length});")),
             ),
+            ArgumentKind::InArray { length: length @ "n_values", .. } => (
+                format!("space({length}, {size})"),
+                format!("in_values(&call, references_at, n, {name}, {length}, {size})"),
+                None,
+            ),
             ArgumentKind::InArray { length, .. } => (
                 format!("space({length}, {size})"),
                 format!("in_array(&call, {name}, {length}, {size})"),
@@ -492,7 +500,7 @@ mod tests {
             .replace("@GLOBALS@", "")
             .replace("@IMPORTS@", "void MODEL(import_log)(Model *, uint32_t, uint32_t, uint32_t);\n\
                 uint32_t MODEL(import_intermediate_update)(Model *, double, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t);")
-            .replace("@EXPORTS@", &(declared.collect::<String>() + "uint32_t MODEL(fmu_arguments)(Model *, uint32_t);\n\
+            .replace("@EXPORTS@", &(declared.collect::<String>() + "uint32_t MODEL(fmu_count_elements)(Model *, uint32_t, uint32_t, uint32_t);\n                uint32_t MODEL(fmu_arguments)(Model *, uint32_t);\n\
                 uint32_t MODEL(fmu_instantiate)(Model *, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t, uint32_t);\n\
                 void MODEL(fmu_free)(Model *, uint32_t);"))
     }

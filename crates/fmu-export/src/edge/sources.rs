@@ -15,7 +15,7 @@ use std::ffi::{CStr, c_char, c_int};
 use std::mem::MaybeUninit;
 use std::panic::PanicHookInfo;
 use std::path::Path;
-use std::ptr::null_mut;
+use std::ptr::{null, null_mut};
 
 use fmu_description::LogCategory;
 use talc::wasm::{WasmArenaTalc, new_wasm_arena_allocator};
@@ -25,15 +25,20 @@ use super::fmi2;
 #[cfg(not(feature = "fmi2"))]
 use super::fmi3::*;
 use crate::entry::Entry;
+#[cfg(not(feature = "fmi2"))]
+use crate::fast::instance_at;
 use crate::fast::{HostedInstance, free};
 use crate::laid_out::LaidOut;
+#[cfg(not(feature = "fmi2"))]
+use crate::lifecycle::InstanceType;
 #[cfg(feature = "fmi2")]
 use crate::log::{Log, Sink};
 use crate::log::{silence_panics, text_of_panic};
-#[cfg(not(feature = "fmi2"))]
-use crate::lifecycle::InstanceType;
 use crate::model::Model;
+#[cfg(not(feature = "fmi2"))]
+use crate::pointers::slice;
 use crate::pointers::{Pointer, c_message, c_text};
+use crate::resources::Folder;
 
 /// The functions of the host, which are written in C.
 mod host {
@@ -42,10 +47,16 @@ mod host {
     #[link(wasm_import_module = "fmu")]
     unsafe extern "C" {
         pub fn log(status: c_int, category: *const c_char, message: *const c_char);
-        /// The size of a resource, below the folder of resources; negative if it cannot be read.
-        pub fn resource_size(path: *const c_char) -> i32;
+        /// The size of a resource, by its path and its name in the folder of resources; negative if it cannot be read.
+        /// The path is NULL if the host passed no folder.
+        pub fn resource_size(path: *const c_char, name: *const c_char) -> i32;
         /// Reads a resource of this size. Returns 0 if all was read.
-        pub fn read_resource(path: *const c_char, content: *mut u8, size: usize) -> i32;
+        pub fn read_resource(
+            path: *const c_char,
+            name: *const c_char,
+            content: *mut u8,
+            size: usize,
+        ) -> i32;
         /// Returns whether the host requests an early return, whose time it writes.
         #[cfg(not(feature = "fmi2"))]
         pub fn intermediate_update(
@@ -295,6 +306,25 @@ pub unsafe fn instantiate(
     instance
 }
 
+/// The number of elements of variables; an unknown one counts as one. So the host reads no more values than there are,
+/// whatever number it is told.
+///
+/// # Safety
+/// The host's promise: an instance, and an array of this length.
+#[cfg(not(feature = "fmi2"))]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn fmu_count_elements(
+    instance: Pointer,
+    references: *const u32,
+    n: usize,
+) -> usize {
+    // SAFETY: the caller's promise.
+    let (instance, references) = unsafe { (instance_at(instance), slice(references, n)) };
+    let (Some(instance), Some(references)) = (instance, references) else { return 0 };
+    let counts = references.iter().map(|&reference| instance.model.elements_in_use(reference));
+    counts.map(|count| count.unwrap_or(1)).sum()
+}
+
 /// Frees the instance.
 ///
 /// # Safety
@@ -360,17 +390,22 @@ fn report_panic(panic: &PanicHookInfo<'_>) {
 }
 
 /// Reads a resource by the host, which has the files.
-pub(crate) fn read_resource(path: &Path) -> Result<String, String> {
-    let path = path.to_str().ok_or("its name is not UTF-8")?;
-    let path = c_text(path);
-    // SAFETY: the host provides these functions; the text and the memory for the content outlive the calls.
+pub(crate) fn read_resource(folder: &Folder, name: &Path) -> Result<String, String> {
+    let text = |path: &Path| path.to_str().map(c_text).ok_or("its name is not UTF-8");
+    let path = folder.as_ref().map(|folder| text(&folder.join(name)));
+    let (path, name) = (path.ok().transpose()?, text(name)?);
+    let path = path.as_ref().map_or(null(), |path| path.as_ptr());
+    // SAFETY: the host provides these functions; the texts and the memory for the content outlive the calls.
     let bytes = unsafe {
-        let size = usize::try_from(host::resource_size(path.as_ptr()));
-        let size = size.map_err(|_| "there is no such file among the resources")?;
+        let size = usize::try_from(host::resource_size(path, name.as_ptr()));
+        let size = size.map_err(|_| match folder {
+            Ok(folder) => format!("there is no such file in {}", folder.display()),
+            Err(reason) => reason.clone(),
+        })?;
         let mut bytes = Vec::new();
         bytes.try_reserve_exact(size).map_err(|_| format!("no memory for its {size} bytes"))?;
         bytes.resize(size, 0);
-        match host::read_resource(path.as_ptr(), bytes.as_mut_ptr(), size) {
+        match host::read_resource(path, name.as_ptr(), bytes.as_mut_ptr(), size) {
             0 => bytes,
             _ => return Err("it cannot be read".into()),
         }

@@ -1,5 +1,23 @@
 #define NO_SCHEDULED_EXECUTION "the FMU is not for scheduled execution; expected model exchange or co-simulation"
 
+/* Passes values of variables. A host may claim to have more values than the variables have elements; only as many are
+ * read, and the model refuses the number. */
+static inline uint32_t in_values(Call *call, uint32_t references, size_t n, const void *values, size_t n_values,
+                                 size_t size)
+{
+    size_t readable = n_values;
+    uint32_t address;
+    if (n_values > n) {
+        const uint32_t count =
+            MODEL(fmu_count_elements)(&call->instance->model, call->instance->handle, references, (uint32_t)n);
+        readable = count < n_values ? count : n_values;
+    }
+    address = in_array(call, values, readable, size);
+    if (address)
+        call->next += (uint32_t)(space(n_values, size) - space(readable, size));
+    return address;
+}
+
 /* Passes sizes, which the model has in 32 bits. */
 static uint32_t in_sizes(Call *call, const size_t sizes[], size_t n)
 {
