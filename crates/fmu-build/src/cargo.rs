@@ -24,8 +24,8 @@ const DEFAULTS: [(&str, [&str; 3]); 6] = [
     ("codegen-units", ["1"; 3]),
     ("strip", ["'symbols'", "'symbols'", "'debuginfo'"]),
     ("opt-level", ["3", "'s'", "3"]),
-    ("package.fmu-export.opt-level", ["'s'", "'z'", "'s'"]),
-    ("package.fmu-description.opt-level", ["'s'", "'z'", "'s'"]),
+    ("package.fmu-export.opt-level", ["'s'", "'z'", "'z'"]),
+    ("package.fmu-description.opt-level", ["'s'", "'z'", "'z'"]),
 ];
 
 /// Arguments of cargo's option `--config` for a release of each [`Product`]: what the workspace does not set itself.

@@ -23,7 +23,7 @@ const INCLUDE_END: &str = " -->";
 const OWN_ICON: &str = "icon.png";
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Names that the export itself uses.
-const RESERVED: [&str; 2] = ["index.html", "licenses"];
+const RESERVED: [&str; 3] = ["index.html", "licenses", "staticlinking.txt"];
 
 /// All files of a model.
 ///
@@ -47,6 +47,7 @@ pub fn files(model: &BuiltModel<'_>, metadata: &Metadata) -> Result<Vec<NamedFil
         documentation.about.as_deref(),
         icon.as_ref().map(|_| icon_path),
         &licenses,
+        model.sources.as_ref(),
     );
     let below = |folder: &'static str| {
         move |(name, content): NamedFile| (format!("{folder}/{name}"), content)
@@ -60,6 +61,7 @@ pub fn files(model: &BuiltModel<'_>, metadata: &Metadata) -> Result<Vec<NamedFil
     files.extend(icon);
     let resources = read(&folder.join("resources")).context("the resources cannot be used")?;
     files.extend(resources.into_iter().map(below("resources")));
+    files.extend(model.sources.iter().flat_map(|sources| sources.files.clone()));
     Ok(files)
 }
 

@@ -11,8 +11,8 @@ use std::time::SystemTime;
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
-use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
 use fmu_description::{ExportedModel, FmiVersion, InterfaceType, Naming, read_interfaces};
 use fmu_file::archive::{self, MODEL_DESCRIPTION, Packed};
 #[cfg(not(feature = "wasm"))]
@@ -28,6 +28,7 @@ use crate::guid::GuidBasis;
 use crate::library::{ModelLibrary, Selection};
 use crate::missing::Missing;
 use crate::model::{self, BuiltModel, Variant};
+use crate::sources::{self, Sources};
 use crate::toolchain::{self, BuildTarget, Recipe, WasmDraft};
 use crate::universal::join_mach_o;
 
@@ -73,6 +74,12 @@ pub struct ExportOptions {
     /// resources
     #[arg(long, value_name = "COMMIT", value_enum, default_value_t, hide_possible_values = true)]
     pub wasm_draft: WasmDraft,
+    /// Add C sources, which importers compile for their own targets; `only` leaves out binaries
+    #[arg(long, value_name = "only", num_args = 0..=1, require_equals = true, default_missing_value = "beside", hide_possible_values = true)]
+    pub sources: Option<SourcesOption>,
+    /// Bytes of memory in C sources for what the model allocates besides its variables
+    #[arg(long, value_name = "BYTES", requires = "sources", value_parser = clap::value_parser!(u32).range(..1 << 30))]
+    pub heap: Option<u32>,
     /// Add a shared library built elsewhere, for linux64, win64, ...
     #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     pub binaries: Vec<Prebuilt>,
@@ -86,6 +93,15 @@ pub struct ExportOptions {
     /// The arguments on the command line, by which a message tells how to export again.
     #[arg(skip)]
     pub arguments: Vec<String>,
+}
+
+/// Where C sources are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SourcesOption {
+    /// Beside binaries.
+    Beside,
+    /// In FMUs without binaries.
+    Only,
 }
 
 fn version() -> impl TypedValueParser<Value = FmiVersion> {
@@ -110,7 +126,7 @@ pub struct ExportedFmu {
     pub file: PathBuf,
     /// Its size in bytes.
     pub size: u64,
-    /// The platform folders that it has binaries in.
+    /// The platform folders that it has binaries in, and `sources` if it has C sources.
     pub platforms: Vec<&'static str>,
 }
 
@@ -141,8 +157,10 @@ pub fn export(
     versions.sort_unstable();
     versions.dedup();
     check_versions(options, &versions)?;
+    check_sources(options)?;
     let profile = profile_settings(options.selection.profile(), &metadata)?;
     let mut missing = Missing::default();
+    let recipe_in_c = options.sources.map(|_| Recipe::for_sources(&mut missing));
     let builders = versions.into_iter().map(|version| {
         Ok(Builder {
             options,
@@ -152,6 +170,7 @@ pub fn export(
             version,
             targets: targets(options, version, &mut missing)?,
             prebuilt: prebuilt(options, version)?,
+            recipe_in_c: recipe_in_c.as_ref(),
             sources: RefCell::default(),
             progress,
         })
@@ -215,6 +234,21 @@ struct NewFmu<'a> {
     library: &'a ModelLibrary,
 }
 
+/// What is built of a library.
+#[derive(Default)]
+struct What<'a> {
+    /// The text of a [`Variant`].
+    variant: Option<&'a str>,
+    /// The only model, by its name in the library; all models if there is none.
+    model: Option<&'a str>,
+    /// The only interface type, if the library as a whole has both.
+    interface_type: Option<InterfaceType>,
+    /// What its instance has for the model to allocate (bytes).
+    heap: Option<u64>,
+    /// Arguments for the compiler of this library.
+    compiler_args: &'a [String],
+}
+
 /// Builds FMUs of one version of FMI.
 struct Builder<'a> {
     options: &'a ExportOptions,
@@ -226,6 +260,8 @@ struct Builder<'a> {
     version: FmiVersion,
     targets: Vec<BuildTarget>,
     prebuilt: Vec<PlatformBinary<'a>>,
+    /// How C sources are made, if they are asked for.
+    recipe_in_c: Option<&'a Recipe>,
     /// The sources of each package, as far as it was built.
     sources: RefCell<BTreeSet<(String, PathBuf)>>,
     /// Receives each step of the build.
@@ -245,8 +281,11 @@ impl<'a> Builder<'a> {
     fn build_fmus(&self, libraries: &'a [ModelLibrary]) -> Result<Vec<NewFmu<'a>>> {
         let mut built = self.build(libraries)?;
         let mut models = self.requested_models(&built)?;
+        let mut variant = None;
         if self.options.variant.is_some() {
-            (built, models) = self.build_variant(&models, &built)?;
+            let text = self.variant_text(&models)?;
+            (built, models) = self.build_variant(&models, &built, &text)?;
+            variant = Some(text);
         }
         for model in &models {
             let (variant, may_omit) = (&self.options.variant, self.options.omit_unsupported);
@@ -264,8 +303,17 @@ impl<'a> Builder<'a> {
                 binary.check_model(model)?;
             }
         }
+        if let Some(recipe) = self.recipe_in_c {
+            for model in &mut models {
+                let sources = self.build_sources(model, recipe, variant.as_deref())?;
+                model.add_sources(sources)?;
+            }
+        }
         // This machine's binary is built to read the models, even if it is not packed.
         drop_replaced(&mut built, &self.prebuilt);
+        if self.options.sources == Some(SourcesOption::Only) {
+            built.clear();
+        }
         let packed = thread::scope(|scope| {
             let packing = built.iter().chain(&self.prebuilt);
             let packing =
@@ -324,7 +372,8 @@ impl<'a> Builder<'a> {
             .map(|target| {
                 let recipes = target.recipes.iter();
                 let extension = target.platforms[0].extension;
-                let parts = recipes.map(|recipe| self.build_part(library, recipe, extension, variant));
+                let what = What { variant, ..What::default() };
+                let parts = recipes.map(|recipe| self.build_part(library, recipe, extension, &what));
                 let mut parts = parts.collect::<Result<Vec<_>>>()?;
                 let bytes = match parts.len() {
                     1 => parts.remove(0),
@@ -360,9 +409,12 @@ impl<'a> Builder<'a> {
         library: &ModelLibrary,
         recipe: &Recipe,
         extension: &str,
-        variant: Option<&str>,
+        what: &What<'_>,
     ) -> Result<Vec<u8>> {
-        let title = format!("building {}", library.package);
+        let title = match what.model {
+            Some(model) => format!("building {model} in C"),
+            None => format!("building {}", library.package),
+        };
         let profile = self.options.selection.profile();
         let mut build = match self.options.is_for_trial {
             true => recipe.cargo_rustc_for_trial(&title, profile),
@@ -374,10 +426,11 @@ impl<'a> Builder<'a> {
             .args(["--package", &library.package])
             .args(self.options.selection.cargo_arguments());
         if !self.options.is_for_trial {
+            let interface_type = what.interface_type.or(self.interface_type(library));
             let settings = &self.profile[recipe.product() as usize];
             build
                 .args(["--features", &library.features(self.version, recipe.product())])
-                .args(self.interface_type(library).into_iter().flat_map(|interface_type| {
+                .args(interface_type.into_iter().flat_map(|interface_type| {
                     ["--features".to_owned(), library.feature_of_interface(interface_type)]
                 }))
                 .args(settings.iter().flat_map(|setting| ["--config", setting]))
@@ -388,11 +441,12 @@ impl<'a> Builder<'a> {
             (Some(chosen), _) => Some(chosen.as_str().to_owned()),
             (None, of_package) => of_package.map(|naming| format!("package:{}", naming.as_str())),
         };
-        let variant = variant.map(str::to_owned);
         let basis = self.options.guid.unwrap_or(library.guid);
         let revision = basis.revision(&library.package, self.metadata)?;
         for (name, value) in [
-            ("FMU_EXPORT_VARIANT", variant),
+            ("FMU_EXPORT_VARIANT", what.variant.map(str::to_owned)),
+            ("FMU_EXPORT_MODEL", what.model.map(str::to_owned)),
+            ("FMU_EXPORT_HEAP", what.heap.map(|bytes| bytes.to_string())),
             ("FMU_EXPORT_NAMING", naming),
             ("FMU_EXPORT_REVISION", revision),
         ] {
@@ -407,7 +461,8 @@ impl<'a> Builder<'a> {
         build
             .args(["--", NO_SLP])
             .args([remap(self.metadata.workspace_root.as_std_path(), "workspace")])
-            .args(recipe.compiler_args(&library.target));
+            .args(recipe.compiler_args(&library.target))
+            .args(what.compiler_args);
         // Cargo copies the library to the same place for both versions of FMI and for variants, so another export
         // must not build before it is read.
         let _lock = lock(self.metadata.target_directory.as_std_path())?;
@@ -416,6 +471,25 @@ impl<'a> Builder<'a> {
         let sources = sources.map(|source| (library.package.clone(), source));
         self.sources.borrow_mut().extend(sources);
         fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
+    }
+
+    /// Makes the C sources of a model; `variant` is the text of a [`Variant`].
+    fn build_sources(
+        &self,
+        model: &BuiltModel<'a>,
+        recipe: &Recipe,
+        variant: Option<&str>,
+    ) -> Result<Sources> {
+        let interface_type = model.description.only_interface_type();
+        let library = model.library;
+        let build = |compiler_args: &[String], heap| {
+            let (model, heap) = (Some(&*model.base), Some(heap));
+            let what = What { variant, model, interface_type, heap, compiler_args };
+            self.build_part(library, recipe, "wasm", &what)
+        };
+        let heap = u64::from(self.options.heap.unwrap_or_default());
+        sources::build(model, heap, &build)
+            .with_context(|| format!("{} cannot be exported as C sources", model.name()))
     }
 
     /// The models with the requested names, or all.
@@ -452,24 +526,29 @@ impl<'a> Builder<'a> {
             .collect()
     }
 
+    /// The text of the variant of the only model.
+    fn variant_text(&self, models: &[BuiltModel<'a>]) -> Result<String> {
+        match models {
+            [model] => self.options.variant.text(&model.description),
+            _ => bail!("--name and --set need one model, but {} are exported", models.len()),
+        }
+    }
+
     /// Builds a variant of the only model.
     fn build_variant(
         &self,
         models: &[BuiltModel<'a>],
         built: &[PlatformBinary<'_>],
+        text: &str,
     ) -> Result<(Vec<PlatformBinary<'a>>, Vec<BuiltModel<'a>>)> {
-        let variant = &self.options.variant;
-        let [model] = models else {
-            bail!("--name and --set need one model, but {} are exported", models.len());
-        };
-        let text = variant.text(&model.description)?;
-        let name = variant.name.as_deref().unwrap_or(model.name());
+        let model = &models[0];
+        let name = self.options.variant.name.as_deref().unwrap_or(model.name());
         let is_other = built.iter().any(|binary| binary.model(name).is_some());
         ensure!(
             !is_other || name == model.name(),
             "--name {name}: there is a model with this name; expected another name"
         );
-        let built = self.build_library(model.library, Some(&text))?;
+        let built = self.build_library(model.library, Some(text))?;
         let description = built.iter().find_map(|binary| binary.model(name));
         let description = description.context("the variant was not built")?;
         let variant = BuiltModel {
@@ -499,6 +578,9 @@ impl<'a> Builder<'a> {
                 entries.push((platform.binary(model.name()), file));
                 platforms.push(platform.folder);
             }
+        }
+        if model.sources.is_some() {
+            platforms.push("sources");
         }
         if packed.iter().any(|(binary, _)| binary.platforms[0].is_wasm()) {
             entries.push((format!("{EXTRA_WASM}/manifest.xml"), &manifest));
@@ -537,6 +619,16 @@ fn lock(target: &Path) -> Result<File> {
     let file = file.with_context(|| format!("cannot create {}", path.display()))?;
     let _ = file.lock();
     Ok(file)
+}
+
+/// Checks that no binary is asked for if there shall be none.
+fn check_sources(options: &ExportOptions) -> Result<()> {
+    let has_targets = !options.targets.is_empty() || options.portable;
+    ensure!(
+        options.sources != Some(SourcesOption::Only) || !has_targets && options.binaries.is_empty(),
+        "--sources=only leaves out binaries; expected no --target, --portable or --binary, or --sources"
+    );
+    Ok(())
 }
 
 /// The targets to build for: the requested ones, else this machine.

@@ -25,7 +25,7 @@ mod universal;
 pub use fmu_description::FmiVersion;
 
 pub use cargo::BuildProgress;
-pub use export::{ExportOptions, ExportedFmu, export};
+pub use export::{ExportOptions, ExportedFmu, SourcesOption, export};
 pub use exports::{export_command, stale};
 pub use guid::GuidBasis;
 pub use library::Selection;

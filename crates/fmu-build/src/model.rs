@@ -2,11 +2,13 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use fmu_description::xml::Element;
 use fmu_description::{
     Causality, ExportedModel, FmiVersion, ModelDescription, Value, Variable, interface, words,
 };
 
 use crate::library::ModelLibrary;
+use crate::sources::Sources;
 
 /// A model with its description.
 pub struct BuiltModel<'a> {
@@ -18,6 +20,8 @@ pub struct BuiltModel<'a> {
     pub base: String,
     /// The version of FMI that it is exported for.
     pub version: FmiVersion,
+    /// Its C sources, if they were made.
+    pub sources: Option<Sources>,
     /// The text of its `modelDescription.xml`.
     pub xml: String,
     /// Why tools for Modelica cannot import some of its names as they are.
@@ -41,7 +45,29 @@ impl<'a> BuiltModel<'a> {
         let xml = root.document().with_context(undescribed)?;
         let found = ModelDescription::new(&root);
         let warnings = found.unimportable().into_iter().map(|(_, reason)| reason).collect();
-        Ok(Self { library, base, description, version, xml, warnings })
+        Ok(Self { library, base, description, version, sources: None, xml, warnings })
+    }
+
+    /// Adds C sources, which a description of FMI 2.0 lists.
+    ///
+    /// # Errors
+    /// Its description cannot be written as XML.
+    pub fn add_sources(&mut self, sources: Sources) -> Result<()> {
+        if self.version == FmiVersion::Fmi2 {
+            let mut root = self.description.to_xml(self.version, &self.library.origin)?;
+            let is_interface = |name| ["CoSimulation", "ModelExchange"].contains(&name);
+            for interface in root.children.iter_mut().filter(|child| is_interface(child.name)) {
+                // C sources take their memory from the host, if it has the functions.
+                let of_memory = "canNotUseMemoryManagementFunctions";
+                interface.attributes.retain(|(name, _)| *name != of_memory);
+                let files = sources.compiled.iter();
+                let files = files.map(|name| Element::new("File").with("name", name));
+                interface.children.push(Element::new("SourceFiles").holding_all(files));
+            }
+            self.xml = root.document()?;
+        }
+        self.sources = Some(sources);
+        Ok(())
     }
 
     /// Name of the model and of its binary.

@@ -4,6 +4,7 @@ use fmu_description::xml::{Element, escape};
 use fmu_description::{Causality, DeclaredType, EnumerationItem, ModelDescription};
 
 use crate::library::NamedFile;
+use crate::sources::{Memory, Sources};
 use crate::table;
 
 /// The style, which each FMU contains, without comments. Chromium shrinks accents like scripts, so that the dots of
@@ -18,6 +19,7 @@ pub fn html(
     about: Option<&str>,
     icon: Option<&str>,
     licenses: &[NamedFile],
+    sources: Option<&Sources>,
 ) -> String {
     let name = escape(model.name());
     let what = escaped(model.root, "description");
@@ -41,6 +43,7 @@ pub fn html(
         &usage(model, file),
         &variables(model),
         &capabilities(model),
+        &sources.map(in_c).unwrap_or_default(),
         &identity(model.root, licenses),
         "</main>\n</body>\n</html>\n",
     ]
@@ -155,6 +158,20 @@ fn capabilities(model: &ModelDescription<'_>) -> String {
         .collect()
 }
 
+/// What the C sources need.
+fn in_c(sources: &Sources) -> String {
+    let Memory { total, stack } = sources.memory;
+    let files = sources.compiled.iter().map(|file| format!("<code>{}</code>", escape(file)));
+    let files = Vec::from_iter(files).join(" and ");
+    format!(
+        "<h2>C sources</h2>\n<ul>\n\
+        <li>Compile {files} in the folder <code>sources</code> with any C99 compiler, as <code>buildDescription.xml</code> \
+        and <a href=\"staticLinking.txt\">staticLinking.txt</a> say.</li>\n\
+        <li>An instance is one block of memory, in which the model has {total} bytes, {stack} of them for the stack.</li>\n\
+        </ul>\n"
+    )
+}
+
 /// Where the FMU comes from.
 fn identity(root: &Element<'_>, licenses: &[NamedFile]) -> String {
     let links: Vec<_> = licenses
@@ -216,9 +233,9 @@ mod tests {
         let model = ModelDescription::new(&root);
         let licenses = [("licenses/LICENSE-A&B".to_owned(), Vec::new())];
         let about = Some("<h2>About</h2>\n");
-        let page = html(&model, "A.fmu", about, Some("model.png"), &licenses);
+        let page = html(&model, "A.fmu", about, Some("model.png"), &licenses, None);
         parse(page.strip_prefix("<!DOCTYPE html>\n").unwrap()).unwrap();
-        let bare = html(&model, "A.fmu", None, None, &licenses);
+        let bare = html(&model, "A.fmu", None, None, &licenses, None);
         parse(bare.strip_prefix("<!DOCTYPE html>\n").unwrap()).unwrap();
         assert!(!bare.contains("model.png"));
         for text in [

@@ -6,7 +6,7 @@
 use std::fmt::Write;
 
 use fmi_abi::{Argument, ArgumentKind, FunctionGroup, Signature};
-use fmu_description::FmiVersion;
+use fmu_description::{FmiVersion, InterfaceType};
 
 /// What the file depends on.
 pub struct Interface<'a> {
@@ -14,8 +14,8 @@ pub struct Interface<'a> {
     pub version: FmiVersion,
     /// The model identifier, which is the prefix of functions if several FMUs are linked.
     pub identifier: &'a str,
-    /// Whether the functions of model exchange are left out.
-    pub is_for_co_simulation_only: bool,
+    /// The only interface type that the model has, if it has not both.
+    pub interface_type: Option<InterfaceType>,
     /// Whether states of the model can be serialized.
     pub is_serialized: bool,
     /// The names of the functions that the model imports.
@@ -50,7 +50,7 @@ impl Interface<'_> {
         let names = self.names();
         parts.extend([names.as_str(), of_version(text!("fmi2_host"), text!("fmi3_host"))]);
         parts.extend([text!("runtime"), of_version("", text!("fmi3_arguments"))]);
-        if is_fmi2 && !self.is_for_co_simulation_only {
+        if is_fmi2 && self.interface_type != Some(InterfaceType::CoSimulation) {
             parts.push(text!("fmi2_events"));
         }
         parts.push(text!("states"));
@@ -88,9 +88,11 @@ impl Interface<'_> {
 
     /// The functions in the file.
     fn signatures(&self) -> impl Iterator<Item = &'static Signature> {
-        let leaves_out = self.is_for_co_simulation_only;
-        let all = self.version.signatures().iter();
-        all.filter(move |s| !leaves_out || s.function.group != FunctionGroup::ModelExchange)
+        let left_out = self.interface_type.map(|only| match only {
+            InterfaceType::CoSimulation => FunctionGroup::ModelExchange,
+            InterfaceType::ModelExchange => FunctionGroup::CoSimulation,
+        });
+        self.version.signatures().iter().filter(move |s| Some(s.function.group) != left_out)
     }
 
     /// The macros that give functions their names with the prefix.
@@ -454,11 +456,11 @@ mod tests {
 
     use super::*;
 
-    fn interface(version: FmiVersion, is_for_co_simulation_only: bool) -> Interface<'static> {
+    fn interface(version: FmiVersion, interface_type: Option<InterfaceType>) -> Interface<'static> {
         Interface {
             version,
             identifier: "Pid",
-            is_for_co_simulation_only,
+            interface_type,
             is_serialized: true,
             imports: &["log", "intermediate_update"],
         }
@@ -467,15 +469,23 @@ mod tests {
     #[test]
     fn every_row_is_a_function() {
         for version in FmiVersion::ALL {
-            let (all, some) = (interface(version, false).text(), interface(version, true).text());
+            let all = interface(version, None).text();
+            let some = [InterfaceType::CoSimulation, InterfaceType::ModelExchange];
+            let some = some.map(|only| interface(version, Some(only)).text());
             for Signature { function, .. } in version.signatures() {
                 let definition = format!(" {}(", function.name);
                 let is_defined = |text: &str| {
                     text.contains(&definition) || text.contains(&definition.replace(' ', " *"))
                 };
                 assert!(is_defined(&all), "{}", function.name);
-                let is_there = function.group != FunctionGroup::ModelExchange;
-                assert_eq!(is_defined(&some), is_there, "{}", function.name);
+                let groups = [FunctionGroup::ModelExchange, FunctionGroup::CoSimulation];
+                let is_there = groups.map(|left_out| function.group != left_out);
+                assert_eq!(
+                    some.each_ref().map(|text| is_defined(text)),
+                    is_there,
+                    "{}",
+                    function.name
+                );
             }
         }
     }
@@ -516,8 +526,9 @@ mod tests {
         };
         for version in FmiVersion::ALL {
             std::fs::write(folder.path().join("model.h"), header(version)).unwrap();
-            for is_for_co_simulation_only in [false, true] {
-                let interface = interface(version, is_for_co_simulation_only);
+            let types = [InterfaceType::CoSimulation, InterfaceType::ModelExchange].map(Some);
+            for interface_type in [None].into_iter().chain(types) {
+                let interface = interface(version, interface_type);
                 let file = interface.file_name();
                 std::fs::write(folder.path().join(file), interface.text()).unwrap();
                 compile(file, &[]);

@@ -61,6 +61,10 @@ macro_rules! exported {
         )]
         $($function)*
     };
+    (ScheduledExecution $($function:tt)*) => {
+        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+        $($function)*
+    };
     ($_:ident $($function:tt)*) => {
         #[cfg_attr(any(not(target_arch = "wasm32"), feature = "sources"), unsafe(no_mangle))]
         $($function)*

@@ -1,0 +1,128 @@
+//! The translation of a model to C: what the compiler is told, how much memory an instance has, and the files.
+
+use anyhow::{Context, Result, ensure};
+use fmu_description::{FmiVersion, erase_interfaces, read_interfaces};
+
+use super::needs::{needs_function, stack_of_all_functions};
+use super::{Interface, Memory, Sources, build_description, untranslatable};
+use crate::library::read;
+use crate::model::BuiltModel;
+
+/// The bytes of stack that an instance has at least.
+const STACK: u64 = 32 << 10;
+/// What functions that call each other in a circle may need besides.
+const STACK_FOR_CIRCLES: u64 = 4 << 10;
+/// How much of the heap a model may need for a byte of a resource: as a text, and as what the model makes of it.
+const HEAP_FOR_RESOURCES: u64 = 3;
+
+/// Makes the sources of a model. `build` builds the library with arguments for the compiler and a size of the heap, to
+/// which `heap` is added.
+///
+/// # Errors
+/// The build fails, or the model needs what C sources do not have.
+pub fn build(
+    model: &BuiltModel<'_>,
+    mut heap: u64,
+    build: &dyn Fn(&[String], u64) -> Result<Vec<u8>>,
+) -> Result<Sources> {
+    let module = build(&untranslatable::EVERY_CALL.map(str::to_owned), heap)?;
+    untranslatable::check(&module)?;
+    if needs_function(&module, "read_resource")? {
+        let files = read(&model.library.folder.join("resources"))?;
+        let sizes = files.iter().map(|(_, content)| content.len() as u64);
+        heap += HEAP_FOR_RESOURCES * sizes.sum::<u64>();
+    }
+    let with_stack = |stack| {
+        let stack = format!("-Clink-arg=-zstack-size={stack}");
+        build(&["-Cstrip=debuginfo".to_owned(), stack], heap)
+    };
+    let module = with_stack(STACK)?;
+    let needed = stack_of_all_functions(&module)? + STACK_FOR_CIRCLES;
+    match needed <= STACK {
+        true => translate(model, &module, STACK),
+        false => {
+            let stack = needed.next_multiple_of(1 << 10);
+            translate(model, &with_stack(stack)?, stack)
+        }
+    }
+}
+
+/// Translates a model. The module is its library, with this number of bytes for the stack.
+///
+/// # Errors
+/// The module does not have the model, or cannot be translated.
+fn translate(model: &BuiltModel<'_>, module: &[u8], stack: u64) -> Result<Sources> {
+    let (name, version) = (model.name(), model.version);
+    ensure!(
+        read_interfaces(module)?.iter().any(|found| found.guid == model.description.guid),
+        "the module does not contain the model {name}"
+    );
+    let mut module = module.to_vec();
+    erase_interfaces(&mut module)?;
+    let description = match model.description.description.as_str() {
+        "" => name.to_owned(),
+        about => format!("{name}: {about}"),
+    };
+    let prefix = format!("{name}_model_");
+    let translated = wasm_to_c::translate(&module, &wasm_to_c::Options { prefix, description });
+    let translated = translated.context("the library cannot be translated to C")?;
+    let imports = Vec::from_iter(translated.imports.iter().map(|(_, import)| import.as_str()));
+    let interface = Interface {
+        version,
+        identifier: name,
+        interface_type: model.description.only_interface_type(),
+        is_serialized: !model.description.is_unserialized,
+        imports: &imports,
+    };
+    let compiled = vec!["model.c".to_owned(), interface.file_name().to_owned()];
+    let uses_math = translated.source.contains("#include <math.h>");
+    let memory = Memory { total: translated.memory_size, stack };
+    let texts = [
+        ("sources/buildDescription.xml", build_description::document(name, &compiled, uses_math)?),
+        (&*format!("sources/{}", interface.file_name()), interface.text()),
+        ("sources/model.c", translated.source),
+        ("sources/model.h", translated.header),
+        ("documentation/staticLinking.txt", static_linking(model, &compiled, uses_math, memory)),
+    ];
+    let files = texts.map(|(path, text)| (path.to_owned(), text.into_bytes()));
+    Ok(Sources { compiled, files: files.into(), memory })
+}
+
+/// The text about compiling and linking.
+fn static_linking(
+    model: &BuiltModel<'_>,
+    compiled: &[String],
+    uses_math: bool,
+    Memory { total, stack }: Memory,
+) -> String {
+    let version = model.version;
+    let of_version = |fmi2, fmi3| if version == FmiVersion::Fmi2 { fmi2 } else { fmi3 };
+    let function = |operation| version.function(operation).unwrap_or_default();
+    let math = match uses_math {
+        true => "Link with the mathematical functions of C, -lm, where they\nhave a library.",
+        false => "The mathematical functions of C are not needed.",
+    };
+    let replacements = [
+        ("@MODEL@", model.name()),
+        ("@VERSION@", version.as_str()),
+        ("@FILES@", &compiled.join(" ")),
+        ("@INTERFACE@", &compiled[compiled.len() - 1]),
+        ("@MATH@", math),
+        ("@FUNCTION@", function("do_step")),
+        ("@GET_STATE@", function("get_fmu_state")),
+        ("@FMI@", of_version("FMI2", "FMI3")),
+        ("@FMIX@", of_version("fmi2", "fmi3")),
+        (
+            "@ALLOCATION@",
+            of_version(
+                "comes from the\nallocateMemory of the host, or else from calloc",
+                "comes from malloc",
+            ),
+        ),
+        ("@MEMORY@", &total.to_string()),
+        ("@STACK@", &stack.to_string()),
+        ("@DATA@", &(total - stack).to_string()),
+    ];
+    let fill = |text: String, (open, value): (&str, &str)| text.replace(open, value);
+    replacements.into_iter().fold(include_str!("static_linking.txt").to_owned(), fill)
+}
