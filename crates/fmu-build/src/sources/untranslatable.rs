@@ -119,16 +119,23 @@ pub fn stand_in_for_libraries(error: &Error, folder: &Path) -> Result<bool> {
     Ok(!names.is_empty())
 }
 
-/// Says in short that a build failed because there is no compiler for the C code of a build script.
+/// Says in short why the C code of a build script does not compile for C sources.
 pub fn explain(error: Error) -> Error {
     let text = error.to_string();
     let package = text.split_once("custom build command for `").map_or("", |(_, rest)| rest);
-    match text.contains("failed to find tool \"clang") {
-        true => anyhow!(
-            "the build script of the package {} compiles C code; for C sources, it needs clang:\n  apt-get install clang    # Debian, Ubuntu\n  dnf install clang    # Fedora\n  brew install llvm    # macOS",
-            package.split([' ', '`']).next().unwrap_or(package)
+    let package = package.split([' ', '`']).next().unwrap_or(package);
+    let header = text.split_once("fatal error: '").and_then(|(_, rest)| rest.split_once("' file"));
+    match header {
+        _ if text.contains("failed to find tool \"clang") => anyhow!(
+            "the build script of the package {package} compiles C code; for C sources, it needs clang:
+  apt-get install clang    # Debian, Ubuntu
+  dnf install clang    # Fedora
+  brew install llvm    # macOS"
         ),
-        false => error,
+        Some((header, _)) => anyhow!(
+            "the C code of the package {package} includes {header}, but C sources have no C library; write it in Rust, or export binaries"
+        ),
+        None => error,
     }
 }
 
@@ -362,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_compiler_for_c_code_is_named_with_the_package() {
+    fn a_missing_compiler_or_header_for_c_code_is_named_with_the_package() {
         let text = "building own failed:\nerror: failed to run custom build command for `pump v0.1.0 (/pump)`\n  error occurred in cc-rs: failed to find tool \"clang\": No such file";
         let message = explain(anyhow!(text)).to_string();
         assert!(
@@ -370,6 +377,9 @@ mod tests {
             "{message}"
         );
         assert!(message.contains("apt-get install clang"), "{message}");
+        let text = "failed to run custom build command for `pump v0.1.0 (/pump)`\n  cargo:warning=c/pump.c:1:10: fatal error: 'math.h' file not found\n";
+        let message = explain(anyhow!(text)).to_string();
+        assert!(message.starts_with("the C code of the package pump includes math.h"), "{message}");
         assert_eq!(explain(anyhow!("other")).to_string(), "other");
     }
 
