@@ -30,4 +30,3 @@ pub use exports::{export_command, stale};
 pub use guid::GuidBasis;
 pub use library::Selection;
 pub use model::Variant;
-pub use sources::Interface;

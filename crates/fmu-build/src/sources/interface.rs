@@ -8,6 +8,8 @@ use std::fmt::Write;
 use fmi_abi::{Argument, ArgumentKind, FunctionGroup, Signature};
 use fmu_description::{FmiVersion, InterfaceType};
 
+use crate::library::NamedFile;
+
 /// What the file depends on.
 pub struct Interface<'a> {
     /// The version of FMI.
@@ -124,6 +126,37 @@ impl Interface<'_> {
         }
         text
     }
+}
+
+/// Resources (bytes) that are put into the program at most.
+const MOST_RESOURCES: usize = 256 << 10;
+
+/// The text of `resources.h`: the files for programs without a file system.
+pub fn resources(files: &[NamedFile]) -> String {
+    let mut text =
+        "/* The resources, for programs that are compiled with FMU_NO_FILES. */\n\n".to_owned();
+    if files.iter().map(|(_, content)| content.len()).sum::<usize>() > MOST_RESOURCES {
+        return text + "#error \"the resources are too large for a program: more than 256 KiB\"\n";
+    }
+    let mut rows = String::new();
+    for (i, (name, content)) in files.iter().enumerate() {
+        let _ = writeln!(text, "static const uint8_t resource_{i}[] = {{");
+        // C has no empty arrays.
+        for line in if content.is_empty() { &[0][..] } else { content }.chunks(24) {
+            let numbers: Vec<String> = line.iter().map(u8::to_string).collect();
+            let _ = writeln!(text, "    {},", numbers.join(", "));
+        }
+        text += "};\n\n";
+        let name: String = name
+            .bytes()
+            .map(|byte| match byte {
+                b' '..=b'~' if !b"\"\\?".contains(&byte) => char::from(byte).to_string(),
+                byte => format!("\\{byte:03o}"),
+            })
+            .collect();
+        let _ = writeln!(rows, "    {{\"{name}\", resource_{i}, {}}},", content.len());
+    }
+    text + "static const Resource resources[] = {\n" + &rows + "    {\"\", NULL, 0},\n};\n"
 }
 
 /// A function of an instance.

@@ -3,6 +3,7 @@
 
 #[cfg(feature = "wasm")]
 mod build_description;
+#[cfg(feature = "wasm")]
 mod interface;
 #[cfg(feature = "wasm")]
 mod needs;
@@ -18,7 +19,6 @@ use crate::library::NamedFile;
 #[cfg(not(feature = "wasm"))]
 use crate::model::BuiltModel;
 
-pub use interface::Interface;
 #[cfg(feature = "wasm")]
 pub use translation::build;
 

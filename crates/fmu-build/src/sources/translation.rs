@@ -3,9 +3,10 @@
 use anyhow::{Context, Result, ensure};
 use fmu_description::{FmiVersion, erase_interfaces, read_interfaces};
 
+use super::interface::{self, Interface};
 use super::needs::{needs_function, stack_of_all_functions};
-use super::{Interface, Memory, Sources, build_description, untranslatable};
-use crate::library::read;
+use super::{Memory, Sources, build_description, untranslatable};
+use crate::library::{NamedFile, read};
 use crate::model::BuiltModel;
 
 /// The bytes of stack that an instance has at least.
@@ -27,11 +28,13 @@ pub fn build(
 ) -> Result<Sources> {
     let module = build(&untranslatable::EVERY_CALL.map(str::to_owned), heap)?;
     untranslatable::check(&module)?;
-    if needs_function(&module, "read_resource")? {
-        let files = read(&model.library.folder.join("resources"))?;
-        let sizes = files.iter().map(|(_, content)| content.len() as u64);
-        heap += HEAP_FOR_RESOURCES * sizes.sum::<u64>();
-    }
+    let resources = match needs_function(&module, "read_resource")? {
+        true => Some(read(&model.library.folder.join("resources"))?),
+        false => None,
+    };
+    let sizes = resources.iter().flatten().map(|(_, content)| content.len() as u64);
+    heap += HEAP_FOR_RESOURCES * sizes.sum::<u64>();
+    let resources = resources.as_deref();
     let with_stack = |stack| {
         let stack = format!("-Clink-arg=-zstack-size={stack}");
         build(&["-Cstrip=debuginfo".to_owned(), stack], heap)
@@ -39,19 +42,25 @@ pub fn build(
     let module = with_stack(STACK)?;
     let needed = stack_of_all_functions(&module)? + STACK_FOR_CIRCLES;
     match needed <= STACK {
-        true => translate(model, &module, STACK),
+        true => translate(model, &module, STACK, resources),
         false => {
             let stack = needed.next_multiple_of(1 << 10);
-            translate(model, &with_stack(stack)?, stack)
+            translate(model, &with_stack(stack)?, stack, resources)
         }
     }
 }
 
-/// Translates a model. The module is its library, with this number of bytes for the stack.
+/// Translates a model. The module is its library, with this number of bytes for the stack. The resources are those
+/// of a model that reads them.
 ///
 /// # Errors
 /// The module does not have the model, or cannot be translated.
-fn translate(model: &BuiltModel<'_>, module: &[u8], stack: u64) -> Result<Sources> {
+fn translate(
+    model: &BuiltModel<'_>,
+    module: &[u8],
+    stack: u64,
+    resources: Option<&[NamedFile]>,
+) -> Result<Sources> {
     let (name, version) = (model.name(), model.version);
     ensure!(
         read_interfaces(module)?.iter().any(|found| found.guid == model.description.guid),
@@ -63,29 +72,35 @@ fn translate(model: &BuiltModel<'_>, module: &[u8], stack: u64) -> Result<Source
         "" => name.to_owned(),
         about => format!("{name}: {about}"),
     };
-    let prefix = format!("{name}_model_");
+    // Both versions of an FMU may be in one program.
+    let prefix = match version {
+        FmiVersion::Fmi2 => format!("{name}_model2_"),
+        FmiVersion::Fmi3 => format!("{name}_model3_"),
+    };
     let translated = wasm_to_c::translate(&module, &wasm_to_c::Options { prefix, description });
     let translated = translated.context("the library cannot be translated to C")?;
     let imports = Vec::from_iter(translated.imports.iter().map(|(_, import)| import.as_str()));
-    let interface = Interface {
+    let functions = Interface {
         version,
         identifier: name,
         interface_type: model.description.only_interface_type(),
         is_serialized: !model.description.is_unserialized,
         imports: &imports,
     };
-    let compiled = vec!["model.c".to_owned(), interface.file_name().to_owned()];
+    let compiled = vec!["model.c".to_owned(), functions.file_name().to_owned()];
     let uses_math = translated.source.contains("#include <math.h>");
     let memory = Memory { total: translated.memory_size, stack };
     let texts = [
         ("sources/buildDescription.xml", build_description::document(name, &compiled, uses_math)?),
-        (&*format!("sources/{}", interface.file_name()), interface.text()),
+        (&*format!("sources/{}", functions.file_name()), functions.text()),
         ("sources/model.c", translated.source),
         ("sources/model.h", translated.header),
         ("documentation/staticLinking.txt", static_linking(model, &compiled, uses_math, memory)),
     ];
     let files = texts.map(|(path, text)| (path.to_owned(), text.into_bytes()));
-    Ok(Sources { compiled, files: files.into(), memory })
+    let resources = resources.map(|files| interface::resources(files).into_bytes());
+    let resources = resources.map(|text| ("sources/resources.h".to_owned(), text));
+    Ok(Sources { compiled, files: files.into_iter().chain(resources).collect(), memory })
 }
 
 /// The text about compiling and linking.
@@ -115,7 +130,7 @@ fn static_linking(
         (
             "@ALLOCATION@",
             of_version(
-                "comes from the\nallocateMemory of the host, or else from calloc",
+                "comes from the\nallocateMemory of the host, or else from malloc",
                 "comes from malloc",
             ),
         ),

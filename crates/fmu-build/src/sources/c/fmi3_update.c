@@ -6,6 +6,7 @@ uint32_t MODEL(import_intermediate_update)(Model *model, double time, uint32_t s
                                            uint32_t early_return_time)
 {
     Instance *const instance = model->host;
+    const char *const function = instance->function;
     fmi3Boolean is_requested = false;
     fmi3Float64 end = model_load_f64(model, early_return_time);
     uint8_t arguments[ARGUMENTS_SIZE]; /* of the step, in whose room the calls of the host have theirs */
@@ -13,6 +14,7 @@ uint32_t MODEL(import_intermediate_update)(Model *model, double time, uint32_t s
     instance->host.intermediate_update(instance->host.environment, time, set_requested != 0, get_allowed != 0,
                                        step_finished != 0, can_return_early != 0, &is_requested, &end);
     memcpy(model->memory + instance->arguments, arguments, sizeof arguments);
+    instance->function = function;
     model_store_f64(model, early_return_time, end);
     return is_requested;
 }

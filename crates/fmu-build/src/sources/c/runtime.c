@@ -4,6 +4,7 @@ typedef struct {
     Host host;
     uint32_t handle;      /* of the instance in the model */
     uint32_t arguments;   /* where the memory of the model has room for arguments: the room found first stays */
+    const char *function; /* the name of the function that the host calls */
     int has_logged_fatal; /* whether the host knows why the instance ended */
     Model model;
 } Instance;
@@ -22,15 +23,10 @@ typedef struct {
 /* Logs why a function failed. */
 static void log_failure(const Host *host, fmiXStatus status, const char *function, const char *why)
 {
-    const char *const parts[] = {function, ": ", why};
-    char message[256];
-    size_t length = 0, k;
-    for (k = 0; k < 3; ++k) {
-        const size_t room = sizeof message - 1 - length, size = strlen(parts[k]);
-        memcpy(message + length, parts[k], size < room ? size : room);
-        length += size < room ? size : room;
-    }
-    message[length] = '\0';
+    char message[512] = "";
+    strncat(message, function, sizeof message - 1);
+    strncat(message, ": ", sizeof message - 1 - strlen(message));
+    strncat(message, why, sizeof message - 1 - strlen(message));
     send_message(host, status, status == fmiXFatal ? "logStatusFatal" : "logStatusError", message);
 }
 
@@ -98,6 +94,7 @@ static inline int enter(Call *call, size_t size)
         call->status = instance ? fmiXFatal : fmiXError;
         return 0;
     }
+    instance->function = call->function;
     call->next = size <= ARGUMENTS_SIZE ? instance->arguments : more_room(call, size);
     if (!call->next)
         refuse(call, "the arrays or strings are larger than the memory of the FMU");
@@ -124,14 +121,19 @@ static inline int leave(Call *call, uint32_t status)
     return 0;
 }
 
-/* The model sends a message. */
+/* The model sends a message. A fatal one is the message of a panic, which does not name the function. */
 void MODEL(import_log)(Model *model, uint32_t status, uint32_t category, uint32_t message)
 {
     Instance *const instance = model->host;
     const char *const name = model_string(model, category), *const text = model_string(model, message);
-    instance->has_logged_fatal |= status == fmiXFatal;
-    if (name && text)
+    if (!name || !text)
+        return;
+    if (status == fmiXFatal) {
+        instance->has_logged_fatal = 1;
+        log_failure(&instance->host, fmiXFatal, instance->function, text);
+    } else {
         send_message(&instance->host, (fmiXStatus)status, name, text);
+    }
 }
 
 /* --- Arguments --------------------------------------------------------------------------------------
