@@ -60,8 +60,8 @@ pub struct Compilers(HashMap<(bool, Option<&'static str>), Compiler>);
 pub struct Compiler {
     tool: Tool,
     pub family: CompilerFamily,
-    /// Whether it is GCC or Clang, and not a smaller one that only resembles them.
-    pub is_full: bool,
+    /// The first options of a compiler that only resembles GCC and Clang, such as TCC.
+    small: Option<Vec<OsString>>,
 }
 
 impl Compilers {
@@ -105,9 +105,18 @@ impl Compilers {
                 None => none(),
             });
         }
-        let family = if tool.is_like_msvc() { CompilerFamily::Msvc } else { CompilerFamily::Gnu };
-        let name = tool.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let found = Compiler { is_full: !name.contains("tcc"), tool, family };
+        let family = match tool.is_like_msvc() && TARGET.ends_with("msvc") {
+            true => CompilerFamily::Msvc,
+            false => CompilerFamily::Gnu,
+        };
+        let is_known = tool.is_like_msvc() == (family == CompilerFamily::Msvc);
+        let small = (!is_known).then(|| {
+            let flags = std::env::var(format!("{}FLAGS", if is_cpp { "CXX" } else { "C" }));
+            let flags = flags.unwrap_or_default();
+            let words = ["-O2", "-fPIC"].into_iter().chain(flags.split_whitespace());
+            words.map(OsString::from).collect()
+        });
+        let found = Compiler { tool, family, small };
         Ok(self.0.entry((is_cpp, preferred)).or_insert(found).clone())
     }
 }
@@ -115,7 +124,19 @@ impl Compilers {
 impl Compiler {
     /// A command that begins with the options of the compiler.
     pub fn command(&self) -> Command {
-        self.tool.to_command()
+        match &self.small {
+            None => self.tool.to_command(),
+            Some(options) => {
+                let mut command = Command::new(self.tool.path());
+                command.args(options);
+                command
+            }
+        }
+    }
+
+    /// Whether it is GCC or Clang, and not a smaller one that only resembles them.
+    pub fn is_full(&self) -> bool {
+        self.family == CompilerFamily::Gnu && self.small.is_none()
     }
 }
 

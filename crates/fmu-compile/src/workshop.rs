@@ -125,6 +125,10 @@ impl<'a> Workshop<'a> {
 
     fn call(&self, mut command: Command, file: &str) -> Call {
         command.current_dir(&self.fmu);
+        // Of a compiler that is killed, its temporary files remain.
+        for variable in ["TMPDIR", "TMP", "TEMP"] {
+            command.env(variable, &self.objects);
+        }
         Call { file: file.to_owned(), command }
     }
 
@@ -179,7 +183,7 @@ impl<'a> Workshop<'a> {
             } else {
                 command.arg("-lm");
             }
-            if cfg!(target_os = "linux") && compiler.is_full {
+            if cfg!(target_os = "linux") && compiler.is_full() {
                 // Older C libraries have these apart.
                 command.args(["-Wl,--as-needed", "-lpthread", "-ldl", "-Wl,--no-undefined"]);
                 if has_shared {

@@ -16,7 +16,7 @@ use crate::component_instance::{CallResult, ComponentInstance};
 use crate::components::LoadedComponent;
 use crate::integrator::Integrator;
 use crate::start::{ComponentStarts, scalar_literals};
-use crate::{Description, Literal, Messages, Plan, RunError};
+use crate::{Compilation, Description, Literal, Messages, Plan, RunError};
 
 /// Which FMU to step, and how.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -33,6 +33,8 @@ pub struct Setup {
     pub tolerance: Option<f64>,
     /// Values of structural parameters, which are sizes of arrays.
     pub sizes: Vec<(String, Literal)>,
+    /// Whether it is compiled, if it has no binary for this machine.
+    pub compilation: Compilation,
 }
 
 /// A request to an FMU. Variables are scalars or elements, by their numbers in [`Names`].
@@ -86,6 +88,7 @@ impl Names {
     pub fn open(setup: &Setup) -> Result<Self> {
         let mut description = Description::read_fmu(&setup.file)?;
         description.tolerance = setup.tolerance;
+        description.compilation = setup.compilation.clone();
         let component = &mut description.components[0];
         component.interface = setup.interface;
         component.name = setup.name.clone().unwrap_or(std::mem::take(&mut component.name));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use fmu_master::job::SystemSource;
 use fmu_master::stepped_fmu::Setup;
 use fmu_master::table::Series;
-use fmu_master::{Argument, Literal, Overrides, Signature};
+use fmu_master::{Argument, Compilation, Literal, Overrides, Signature};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
@@ -96,6 +96,10 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         outputs: arguments.get("outputs")?.unwrap_or_default(),
         input,
         input_table,
+        compilation: Compilation {
+            is_wanted: arguments.get("compile")?.unwrap_or_default(),
+            cache: None,
+        },
         ..Overrides::default()
     };
     let (file, text) = (arguments.get("file")?.unwrap_or_default(), arguments.get("text")?);
@@ -113,6 +117,10 @@ pub fn setup(setup: &Bound<'_, PyDict>) -> PyResult<Setup> {
         start: arguments.number("start")?.unwrap_or_default(),
         tolerance: arguments.number("tolerance")?,
         sizes: literals(sizes.unwrap_or_default())?,
+        compilation: Compilation {
+            is_wanted: arguments.get("compile")?.unwrap_or_default(),
+            cache: None,
+        },
     })
 }
 

@@ -154,15 +154,19 @@ fn section(title: &str, lines: &[String], out: &mut impl Write) -> Result<()> {
     Ok(())
 }
 
-/// The platforms, the documents and the resources.
-fn contents(archive: &Archive) -> [Vec<&str>; 3] {
+/// The platforms, the documents, the resources and the sources.
+fn contents(archive: &Archive) -> [Vec<&str>; 4] {
     let documents = [DOCUMENTATION, ICON, ICON_3];
     let documents = documents.into_iter().filter(|file| archive.names.iter().any(|n| n == file));
-    let resources = archive.names.iter().filter_map(|name| name.strip_prefix("resources/"));
+    let below = |folder| {
+        let files = archive.names.iter().filter_map(move |name| name.strip_prefix(folder));
+        files.filter(|name| !name.is_empty()).collect()
+    };
     [
         platform::folders(&archive.names).into_iter().collect(),
         documents.collect(),
-        resources.filter(|name| !name.is_empty()).collect(),
+        below("resources/"),
+        below("sources/"),
     ]
 }
 
@@ -174,7 +178,7 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
         .filter_map(|(name, attribute)| Some(format!("{name} {} s", model.experiment(attribute)?)))
         .chain(tolerance.map(|value| format!("tolerance {value:?}")))
         .collect();
-    let [platforms, documents, resources] = contents(archive);
+    let [platforms, documents, resources, sources] = contents(archive);
     let text = |name| model.root.attribute(name).unwrap_or_default().to_owned();
     let lines = [
         ("model", text("modelName")),
@@ -191,6 +195,7 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
         ("platforms", platforms.join(" ")),
         ("documents", documents.join(" ")),
         ("resources", resources.join(" ")),
+        ("sources", sources.join(" ")),
         ("size", format!("{} KB", archive.size.div_ceil(1000))),
     ];
     for (name, value) in lines.iter().filter(|(_, value)| !value.is_empty()) {

@@ -67,6 +67,8 @@ class Instance:
         Relative tolerance of the integration.
     name
         Its name in errors, by default the name of the file.
+    compile
+        Compile the FMU if it has C or C++ sources, but no binary for this machine.
     in_process
         Run in this process, in which a call takes about a microsecond, but a crash ends Python. By
         default, the FMU runs in a child process: a call takes tens of microseconds, and a crash is
@@ -95,6 +97,7 @@ class Instance:
         *,
         tolerance: float | None = None,
         name: str | None = None,
+        compile: bool = False,
         in_process: bool = False,
     ):
         setup: dict[str, Any] = {
@@ -102,6 +105,7 @@ class Instance:
             "interface": interface,
             "start": start_time,
             "tolerance": tolerance,
+            "compile": compile,
         }
         setup |= {"file": Path(filename).absolute(), "sizes": plain_starts(start_values)}
         self._native = _native.Instance(setup, [] if in_process else COMMAND)

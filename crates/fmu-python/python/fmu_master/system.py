@@ -164,6 +164,7 @@ class System:
         order: str | None = None,
         tolerance: float | None = None,
         interface: str | None = None,
+        compile: bool = False,
         in_process: bool = False,
         progress: bool = False,
     ) -> Result:
@@ -175,8 +176,10 @@ class System:
             Start values by `component.variable`; enumerations by the names of their items.
         order
             "sequential" or "parallel".
-        start_time, stop_time, step_size, input, output, tolerance, interface, in_process, progress
+        start_time, stop_time, step_size, input, output, tolerance, interface, compile
             As for `simulate`, for all components.
+        in_process, progress
+            As for `simulate`.
 
         Raises
         ------
@@ -191,6 +194,7 @@ class System:
             "tolerance": tolerance,
             "outputs": one_or_more(output or ()),
             "interface": interface,
+            "compile": compile,
         }
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
         with contextlib.ExitStack() as stack:
@@ -243,6 +247,7 @@ def simulate(
     *,
     tolerance: float | None = None,
     interface: str | None = None,
+    compile: bool = False,
     in_process: bool = False,
     progress: bool = False,
 ) -> Result:
@@ -264,6 +269,8 @@ def simulate(
         Relative tolerance.
     interface
         "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
+    compile
+        Compile FMUs that have C or C++ sources, but no binary for this machine.
     in_process
         Run in this process, which saves some milliseconds, but an FMU that crashes ends Python.
     progress
@@ -289,6 +296,7 @@ def simulate(
         output=output,
         tolerance=tolerance,
         interface=interface,
+        compile=compile,
         in_process=in_process,
         progress=progress,
     )

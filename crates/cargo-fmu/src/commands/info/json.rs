@@ -52,7 +52,7 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
     let terminals = terminals.map(|bytes| xml::decode(&bytes).text).unwrap_or_default();
     let terminals = xml::parse(&terminals).ok();
     let terminals = terminals.as_ref().and_then(|root| root.child("Terminals")).map(within);
-    let [platforms, documents, resources] = contents(archive);
+    let [platforms, documents, resources, sources] = contents(archive);
     let mut description = attributes(model.root);
     numeric(&mut description, "numberOfEventIndicators");
     json!({
@@ -61,6 +61,7 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
         "platforms": platforms,
         "documents": documents,
         "resources": resources,
+        "sources": sources,
         "modelDescription": description,
         "defaultExperiment": Map::from_iter(experiment),
         "interfaces": Map::from_iter(interfaces),
