@@ -18,12 +18,13 @@ pub const RELEASE: &str = "release";
 
 /// An FMU binary is small and fast, without the symbols of Rust. What a host calls at every step is
 /// compiled with the model; the rest of its libraries is optimized for size. The values are for each [`Product`]: in a
-/// component, a call costs more than inlining saves, and C sources have the names of functions.
+/// component, a call costs more than inlining saves; C sources keep the names of functions, and the C compiler inlines
+/// what pays.
 const DEFAULTS: [(&str, [&str; 3]); 6] = [
     ("lto", ["'fat'"; 3]),
     ("codegen-units", ["1"; 3]),
     ("strip", ["'symbols'", "'symbols'", "'debuginfo'"]),
-    ("opt-level", ["3", "'s'", "3"]),
+    ("opt-level", ["3", "'s'", "'s'"]),
     ("package.fmu-export.opt-level", ["'s'", "'z'", "'z'"]),
     ("package.fmu-description.opt-level", ["'s'", "'z'", "'z'"]),
 ];
