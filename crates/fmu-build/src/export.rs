@@ -488,7 +488,9 @@ impl<'a> Builder<'a> {
             self.build_part(library, recipe, "wasm", &what)
         };
         let heap = u64::from(self.options.heap.unwrap_or_default());
-        sources::build(model, heap, &build)
+        // With empty libraries in place of those that WebAssembly does not have.
+        let scratch = self.metadata.target_directory.join("cargo-fmu-libraries");
+        sources::build(model, heap, scratch.as_std_path(), &build)
             .with_context(|| format!("{} cannot be exported as C sources", model.name()))
     }
 

@@ -13,6 +13,9 @@ mod translation;
 mod untranslatable;
 
 #[cfg(not(feature = "wasm"))]
+use std::path::Path;
+
+#[cfg(not(feature = "wasm"))]
 use anyhow::{Result, bail};
 
 use crate::library::NamedFile;
@@ -27,6 +30,7 @@ pub use translation::build;
 pub fn build(
     _: &BuiltModel<'_>,
     _: u64,
+    _: &Path,
     _: &dyn Fn(&[String], u64) -> Result<Vec<u8>>,
 ) -> Result<Sources> {
     bail!("this program was built without its feature `wasm`, which --sources needs")

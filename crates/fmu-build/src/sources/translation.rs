@@ -1,5 +1,8 @@
 //! The translation of a model to C: what the compiler is told, how much memory an instance has, and the files.
 
+use std::fs;
+use std::path::Path;
+
 use anyhow::{Context, Result, ensure};
 use fmu_description::{FmiVersion, erase_interfaces, read_interfaces};
 
@@ -17,16 +20,17 @@ const STACK_FOR_CIRCLES: u64 = 4 << 10;
 const HEAP_FOR_RESOURCES: u64 = 3;
 
 /// Makes the sources of a model. `build` builds the library with arguments for the compiler and a size of the heap, to
-/// which `heap` is added.
+/// which `heap` is added; `scratch` is a folder for files of the build.
 ///
 /// # Errors
 /// The build fails, or the model needs what C sources do not have.
 pub fn build(
     model: &BuiltModel<'_>,
     mut heap: u64,
+    scratch: &Path,
     build: &dyn Fn(&[String], u64) -> Result<Vec<u8>>,
 ) -> Result<Sources> {
-    let module = build(&untranslatable::EVERY_CALL.map(str::to_owned), heap)?;
+    let module = build_every_call(scratch, &|compiler_args| build(compiler_args, heap))?;
     untranslatable::check(&module)?;
     let resources = match needs_function(&module, "read_resource")? {
         true => Some(read(&model.library.folder.join("resources"))?),
@@ -48,6 +52,25 @@ pub fn build(
             translate(model, &with_stack(stack)?, stack, resources)
         }
     }
+}
+
+/// Builds a library in which every call can be seen, also those of libraries that WebAssembly does not have.
+fn build_every_call(
+    scratch: &Path,
+    build: &dyn Fn(&[String]) -> Result<Vec<u8>>,
+) -> Result<Vec<u8>> {
+    let mut compiler_args = untranslatable::EVERY_CALL.map(str::to_owned).to_vec();
+    let error = match build(&compiler_args) {
+        Ok(module) => return Ok(module),
+        Err(error) => untranslatable::explain(error),
+    };
+    fs::create_dir_all(scratch)
+        .with_context(|| format!("cannot create the folder {}", scratch.display()))?;
+    if !untranslatable::stand_in_for_libraries(&error, scratch)? {
+        return Err(error);
+    }
+    compiler_args.push(format!("-Lnative={}", scratch.display()));
+    build(&compiler_args)
 }
 
 /// Translates a model. The module is its library, with this number of bytes for the stack. The resources are those
