@@ -219,9 +219,7 @@ impl Expression {
         let both = self.constant.is_some() && other.constant.is_some() && !is_float(value_type);
         let left = if both { self.typed(left) } else { self.operand(left) };
         let text = match (operator, other.constant) {
-            ("&", Some(255))
-                if self.text.starts_with("load_u8(") && self.level == Level::Primary =>
-            {
+            ("&", Some(255)) if self.text.starts_with("U8(") && self.level == Level::Primary => {
                 return self;
             }
             ("+", Some(bits)) if negative(value_type, bits) => {
@@ -296,7 +294,7 @@ impl Expression {
     /// A load from memory, whose address was checked.
     pub fn load(function: &str, base: &Self, offset: u64, value_type: ValType) -> Self {
         let level = if function.starts_with('(') { Level::Unary } else { Level::Primary };
-        let text = format!("{function}(m, {}, {offset})", base.text);
+        let text = format!("{function}({}, {offset})", base.text);
         Expression { reads_memory: true, ..Self::new(text, level, value_type, &[base]) }
     }
 }

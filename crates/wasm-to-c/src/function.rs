@@ -1,6 +1,6 @@
 //! One function: from the operators of a stack machine to statements and expressions.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use wasmparser::{BlockType, FuncType, Operator, ValType};
 
@@ -11,8 +11,9 @@ use crate::facts::Facts;
 use crate::locals::Locals;
 use crate::memory::{Access, access};
 use crate::module::{Module, number};
-use crate::names::sanitized;
+use crate::names::{mentions, sanitized};
 use crate::numeric;
+use crate::simplify::simplify;
 use crate::source::signature;
 use crate::statement::{Condition, Statement, Writer};
 
@@ -61,15 +62,15 @@ pub struct Function<'a> {
     labels: u32,
     temporaries: u32,
     /// Traps that end the function at a label.
-    traps: BTreeMap<&'static str, &'static str>,
+    traps: BTreeSet<&'static str>,
 }
 
-/// The labels at the end of functions that set a trap.
-const OUT_OF_BOUNDS: (&str, &str) = ("out_of_bounds", "OUT_OF_BOUNDS");
-const UNREACHABLE: (&str, &str) = ("unreachable", "UNREACHABLE");
-const DIVISION: (&str, &str) = ("bad_division", "DIVISION");
-const CONVERSION: (&str, &str) = ("bad_conversion", "CONVERSION");
-const DEPTH: (&str, &str) = ("too_deep", "DEPTH");
+/// The macros at the end of functions that set a trap. Each has a label, its name in lower case.
+const OUT_OF_BOUNDS: &str = "OUT_OF_BOUNDS";
+const UNREACHABLE: &str = "UNREACHABLE";
+const BAD_DIVISION: &str = "BAD_DIVISION";
+const BAD_CONVERSION: &str = "BAD_CONVERSION";
+const TOO_DEEP: &str = "TOO_DEEP";
 
 impl<'a> Function<'a> {
     /// The definition of a function in C.
@@ -104,7 +105,7 @@ impl<'a> Function<'a> {
             variables: Vec::new(),
             labels: 0,
             temporaries: 0,
-            traps: BTreeMap::new(),
+            traps: BTreeSet::new(),
         };
         function.body(&operators)?;
         Ok(function.definition())
@@ -144,27 +145,28 @@ impl<'a> Function<'a> {
         let own_traits = &self.calls.traits[&self.index];
         let parameters: Vec<ValType> = self.function_type.params().to_vec();
         let head = signature(&self.names[&self.index], own_traits.needs_model, self.function_type);
-        let body = Writer::function(std::mem::take(&mut self.statements));
+        let body = Writer::function(simplify(std::mem::take(&mut self.statements)));
         let mut text = format!("static {head} {{\n");
         for (value_type, names) in self.declarations() {
             text.push_str(&format!(
-                "  {} {};\n",
+                "\t{} {};\n",
                 c_type(value_type),
                 names.join(" = 0, ") + " = 0"
             ));
         }
         if own_traits.counts_depth {
-            text.push_str("  if (m->depth >= MODEL_CALL_DEPTH) goto too_deep;\n  m->depth++;\n");
-            self.traps.insert(DEPTH.0, DEPTH.1);
+            text.push_str("\tif (m->depth >= MODEL_CALL_DEPTH) goto too_deep;\n\tm->depth++;\n");
+            self.traps.insert(TOO_DEEP);
         }
         for parameter in (0..parameters.len()).map(|parameter| format!("a{parameter}")) {
             if !mentions(&body, &parameter) {
-                text.push_str(&format!("  (void){parameter};\n"));
+                text.push_str(&format!("\t(void){parameter};\n"));
             }
         }
         text.push_str(&body);
-        for (label, trap) in &self.traps {
-            text.push_str(&format!("{label}: TRAP({trap}); {}\n", self.return_zero()));
+        let zero = if self.function_type.results().is_empty() { "" } else { " 0" };
+        for trap in &self.traps {
+            text.push_str(&format!("{trap}{zero};\n"));
         }
         text.push_str("}\n");
         text
@@ -182,10 +184,6 @@ impl<'a> Function<'a> {
             add(*value_type, name.clone());
         }
         declarations
-    }
-
-    fn return_zero(&self) -> &'static str {
-        if self.function_type.results().is_empty() { "return;" } else { "return 0;" }
     }
 
     fn local_name(&self, local: u32) -> String {
@@ -255,12 +253,13 @@ impl<'a> Function<'a> {
         let declares =
             declares.map(|value_type| format!("{} ", c_type(value_type))).unwrap_or_default();
         self.line(format!("{declares}{name} = {};", value.text));
+        // Linkers make the first global the stack pointer, so this is the stack frame of the function.
         if self.module.heap_base.is_some()
             && let Some(size) =
                 value.text.strip_prefix("m->g0 - ").and_then(|size| size.parse().ok())
+            && size <= self.module.memory_size
         {
-            // Linkers make the first global the stack pointer.
-            self.facts.set_frame(name, size);
+            self.check(name, size);
         }
         self.facts.copy(name, &value.text);
     }
@@ -283,10 +282,25 @@ impl<'a> Function<'a> {
     }
 
     /// Ends the function with a trap if the condition holds.
-    fn trap_if(&mut self, condition: String, (label, trap): (&'static str, &'static str)) {
-        self.traps.insert(label, trap);
-        self.line(format!("if ({condition}) goto {label};"));
+    fn trap_if(&mut self, condition: String, trap: &'static str) {
+        self.traps.insert(trap);
+        self.line(format!("if ({condition}) goto {};", trap.to_lowercase()));
         self.checks.clear();
+    }
+
+    /// Checks that so many bytes from the address in a variable are in memory, if that is not known.
+    fn check(&mut self, name: &str, end: u64) {
+        self.traps.insert(OUT_OF_BOUNDS);
+        self.facts.set_inside(name, end);
+        match self.checks.get(name).and_then(|&check| self.statements.get_mut(check)) {
+            Some(Statement::Check { end: known, .. }) if end <= self.module.memory_size => {
+                *known = end
+            }
+            _ => {
+                self.checks.insert(name.to_owned(), self.statements.len());
+                self.statements.push(Statement::Check { address: name.to_owned(), end });
+            }
+        }
     }
 
     /// The address of an access, after a check that it is in memory.
@@ -308,30 +322,25 @@ impl<'a> Function<'a> {
             self.temporary(base)
         };
         let name = &base.text;
-        self.traps.insert(OUT_OF_BOUNDS.0, OUT_OF_BOUNDS.1);
         if self.facts.inside(name) >= end {
             return base;
         }
         if end > size {
-            self.line(format!("if (MODEL_MEMORY_SIZE < {end}u) goto out_of_bounds;"));
+            self.trap_if(format!("MODEL_MEMORY_SIZE < {end}u"), OUT_OF_BOUNDS);
         }
-        let end = if end > size { end } else { self.facts.end_to_check(name, end).min(size) };
-        self.facts.set_inside(name, end);
-        match self.checks.get(name).and_then(|&check| self.statements.get_mut(check)) {
-            Some(Statement::Check { end: known, .. }) if end <= size => *known = end,
-            _ => {
-                self.checks.insert(name.clone(), self.statements.len());
-                self.statements.push(Statement::Check { address: name.clone(), end });
-            }
-        }
+        self.check(&base.text, end);
         base
     }
 
     fn access(&mut self, operation: Access) {
         let value = operation.is_store.then(|| self.pop());
         let base = self.pop();
-        let base = self.address(base, operation.argument.offset, operation.width);
-        let offset = operation.argument.offset;
+        let mut offset = operation.argument.offset;
+        let mut base = self.address(base, offset, operation.width);
+        if let Some(address) = base.constant {
+            base = Expression::constant(ValType::I32, address + offset);
+            offset = 0;
+        }
         let Some(value) = value else {
             self.stack.push(Expression::load(
                 operation.function,
@@ -344,7 +353,7 @@ impl<'a> Function<'a> {
         self.settle(|expression| expression.reads_memory);
         let narrow = operation.value_type == ValType::I64 && operation.width < 8;
         let value = if narrow { value.cast("(u32)", ValType::I32) } else { value };
-        self.line(format!("{}(m, {}, {offset}, {});", operation.function, base.text, value.text));
+        self.line(format!("{}({}, {offset}, {});", operation.function, base.text, value.text));
     }
 
     /// Begins a block of the type.
@@ -656,7 +665,8 @@ impl<'a> Function<'a> {
         }
         self.settle(|expression| expression.reads_memory || expression.reads_globals);
         self.checks.clear();
-        let checked = traps.then(|| self.return_zero());
+        let checked =
+            traps.then_some(if self.function_type.results().is_empty() { "TRY" } else { "TRY0" });
         let name = result.map(|_| format!("t{}", self.temporaries));
         self.temporaries += 1;
         self.statements.push(Statement::Call {
@@ -693,7 +703,7 @@ impl<'a> Function<'a> {
         match operator {
             Operator::Nop => {}
             Operator::Unreachable => {
-                self.traps.insert(UNREACHABLE.0, UNREACHABLE.1);
+                self.traps.insert(UNREACHABLE);
                 // A function that never returns has set the trap.
                 if let Some(Statement::Call { declares, result, checked, .. }) =
                     self.statements.last_mut()
@@ -844,7 +854,7 @@ impl<'a> Function<'a> {
                     None => (first, self.temporary(divisor)),
                 };
                 if divisor.constant.is_none() {
-                    self.trap_if(format!("{} == 0", divisor.text), DIVISION);
+                    self.trap_if(format!("{} == 0", divisor.text), BAD_DIVISION);
                     if signed_division {
                         let (min, one) = match first.value_type {
                             ValType::I32 => ("0x80000000u", "UINT32_MAX"),
@@ -852,14 +862,14 @@ impl<'a> Function<'a> {
                         };
                         let overflows =
                             format!("{} == {min} && {} == {one}", first.text, divisor.text);
-                        self.trap_if(overflows, DIVISION);
+                        self.trap_if(overflows, BAD_DIVISION);
                     }
                 }
                 (first, Some(divisor))
             }
             (Operation::Truncate { above, below, .. }, _) => {
                 let first = self.temporary(first);
-                self.trap_if(format!("!({0} {above} && {0} {below})", first.text), CONVERSION);
+                self.trap_if(format!("!({0} {above} && {0} {below})", first.text), BAD_CONVERSION);
                 (first, None)
             }
             (_, second) => (first, second),
@@ -867,12 +877,4 @@ impl<'a> Function<'a> {
         self.stack.push(operation.apply(first, second));
         Ok(true)
     }
-}
-
-/// Whether an identifier is in the text.
-fn mentions(text: &str, identifier: &str) -> bool {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    text.match_indices(identifier).any(|(i, _)| {
-        !text[..i].ends_with(is_part) && !text[i + identifier.len()..].starts_with(is_part)
-    })
 }

@@ -3,7 +3,7 @@
    The model was written in Rust. The Rust compiler optimized it and compiled it to a WebAssembly module, and each function
    of the module is a function here: its comment is its path in Rust. Names of variables, types and lines are
    lost on the way, and many functions of Rust were inlined in others. The state of an instance is in `memory`, at the
-   addresses that the compiler chose, so `load_f64(m, a0, 16)` reads a field 16 bytes from the beginning of a struct.
+   addresses that the compiler chose, so `F64(a0, 16)` is a field 16 bytes from the beginning of a struct, and `SET_F64(a0, 16, x)` changes it.
    a0, a1, ... are parameters; n, w, s and x are local variables (u32, u64, f32, f64); t, r and p are values in between.
 
    All addresses are checked. A trap (see model.h) ends the instance: all functions return up to the caller.
@@ -41,7 +41,21 @@
 #define TRAP(reason) \
     if (m->trap == MODEL_TRAP_NONE) m->trap = MODEL_TRAP_##reason
 
-/* Ends the function unless `end` bytes from the address on are in memory. */
+/* A call in a function that returns nothing, or a value. If the call had a trap, the function returns, too. */
+#define TRY(call) \
+    call; \
+    if (m->trap != MODEL_TRAP_NONE) return
+#define TRY0(call) \
+    call; \
+    if (m->trap != MODEL_TRAP_NONE) return 0
+
+/* Leaves the function unless `end` bytes from the address on are in memory. */
 #define CHECK(address, end) \
     if ((address) > MODEL_MEMORY_SIZE - (end)) goto out_of_bounds
 
+/* The ends of functions that have a trap. */
+#define OUT_OF_BOUNDS out_of_bounds: TRAP(OUT_OF_BOUNDS); return
+#define UNREACHABLE unreachable: TRAP(UNREACHABLE); return
+#define BAD_DIVISION bad_division: TRAP(DIVISION); return
+#define BAD_CONVERSION bad_conversion: TRAP(CONVERSION); return
+#define TOO_DEEP too_deep: TRAP(DEPTH); return

@@ -28,6 +28,7 @@ mod memory;
 mod module;
 mod names;
 mod numeric;
+mod simplify;
 mod source;
 mod statement;
 

@@ -5,6 +5,9 @@ use std::collections::HashSet;
 /// The path of a function in Rust, from the symbol that the compiler made of it. Within angle brackets, types have only
 /// their names.
 pub fn rust_path(symbol: &str) -> String {
+    // LLVM adds numbers to the symbols of functions that it copies.
+    let symbol =
+        symbol.trim_end_matches(|c: char| c.is_ascii_digit()).strip_suffix('.').unwrap_or(symbol);
     let path = format!("{:#}", rustc_demangle::demangle(symbol));
     let (mut text, mut depth, mut begin) = (String::new(), 0, 0);
     for (i, c) in path.char_indices() {
@@ -43,7 +46,7 @@ impl Identifiers {
         let name = match last.as_slice() {
             [] => "function".to_owned(),
             [name] => format!("rust_{name}"),
-            [_, end @ ..] if last.join("_").len() > 40 => end.join("_"),
+            [_, end @ ..] if last.join("_").len() > 24 => end.join("_"),
             _ => last.join("_"),
         };
         let name = if name.starts_with(|c: char| c.is_ascii_digit() || c == '_') {
@@ -105,4 +108,12 @@ fn split<'a>(text: &'a str, separator: &str) -> Vec<&'a str> {
     }
     parts.push(&text[begin.min(text.len())..]);
     parts
+}
+
+/// Whether an identifier is in the text.
+pub fn mentions(text: &str, identifier: &str) -> bool {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    text.match_indices(identifier).any(|(i, _)| {
+        !text[..i].ends_with(is_part) && !text[i + identifier.len()..].starts_with(is_part)
+    })
 }

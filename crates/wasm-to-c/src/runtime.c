@@ -34,6 +34,7 @@ static inline u64 f64_bits(f64 x) {
 static inline u32 load_u8(const Model *m, u32 address, u32 offset) {
     return *(m->memory + address + offset);
 }
+#define U8(address, offset) load_u8(m, address, offset)
 
 static inline u32 load_u16(const Model *m, u32 address, u32 offset) {
     const uint8_t *p = m->memory + address + offset;
@@ -45,6 +46,7 @@ static inline u32 load_u16(const Model *m, u32 address, u32 offset) {
     return p[0] | (u32)p[1] << 8;
 #endif
 }
+#define U16(address, offset) load_u16(m, address, offset)
 
 static inline u32 load_u32(const Model *m, u32 address, u32 offset) {
     const uint8_t *p = m->memory + address + offset;
@@ -56,6 +58,7 @@ static inline u32 load_u32(const Model *m, u32 address, u32 offset) {
     return p[0] | (u32)p[1] << 8 | (u32)p[2] << 16 | (u32)p[3] << 24;
 #endif
 }
+#define U32(address, offset) load_u32(m, address, offset)
 
 static inline u64 load_u64(const Model *m, u32 address, u32 offset) {
     const uint8_t *p = m->memory + address + offset;
@@ -68,18 +71,22 @@ static inline u64 load_u64(const Model *m, u32 address, u32 offset) {
         | (u64)p[6] << 48 | (u64)p[7] << 56;
 #endif
 }
+#define U64(address, offset) load_u64(m, address, offset)
 
 static inline f32 load_f32(const Model *m, u32 address, u32 offset) {
     return f32_from_bits(load_u32(m, address, offset));
 }
+#define F32(address, offset) load_f32(m, address, offset)
 
 static inline f64 load_f64(const Model *m, u32 address, u32 offset) {
     return f64_from_bits(load_u64(m, address, offset));
 }
+#define F64(address, offset) load_f64(m, address, offset)
 
 static inline void store_u8(Model *m, u32 address, u32 offset, u32 x) {
     *(m->memory + address + offset) = (uint8_t)x;
 }
+#define SET_U8(address, offset, x) store_u8(m, address, offset, x)
 
 static inline void store_u16(Model *m, u32 address, u32 offset, u32 x) {
     uint8_t *p = m->memory + address + offset;
@@ -91,6 +98,7 @@ static inline void store_u16(Model *m, u32 address, u32 offset, u32 x) {
     p[1] = (uint8_t)(x >> 8);
 #endif
 }
+#define SET_U16(address, offset, x) store_u16(m, address, offset, x)
 
 static inline void store_u32(Model *m, u32 address, u32 offset, u32 x) {
     uint8_t *p = m->memory + address + offset;
@@ -103,6 +111,7 @@ static inline void store_u32(Model *m, u32 address, u32 offset, u32 x) {
     p[3] = (uint8_t)(x >> 24);
 #endif
 }
+#define SET_U32(address, offset, x) store_u32(m, address, offset, x)
 
 static inline void store_u64(Model *m, u32 address, u32 offset, u64 x) {
     uint8_t *p = m->memory + address + offset;
@@ -114,14 +123,17 @@ static inline void store_u64(Model *m, u32 address, u32 offset, u64 x) {
         p[i] = (uint8_t)(x >> 8 * i);
 #endif
 }
+#define SET_U64(address, offset, x) store_u64(m, address, offset, x)
 
 static inline void store_f32(Model *m, u32 address, u32 offset, f32 x) {
     store_u32(m, address, offset, f32_bits(x));
 }
+#define SET_F32(address, offset, x) store_f32(m, address, offset, x)
 
 static inline void store_f64(Model *m, u32 address, u32 offset, f64 x) {
     store_u64(m, address, offset, f64_bits(x));
 }
+#define SET_F64(address, offset, x) store_f64(m, address, offset, x)
 
 /* Whether `n` bytes are in memory from the address on. */
 static inline int is_inside(u32 address, u32 n) {

@@ -11,7 +11,7 @@ use crate::data::{literal, rows, string};
 use crate::expression::c_type;
 use crate::function::Function;
 use crate::module::Module;
-use crate::names::{Identifiers, rust_path, sanitized};
+use crate::names::{Identifiers, mentions, rust_path, sanitized};
 
 const HEADER: &str = include_str!("model.h");
 const HEAD: &str = include_str!("head.c");
@@ -96,7 +96,7 @@ pub fn translate(module: &[u8], options: &Options) -> Result<CSource, Error> {
             [] => ("return;", call),
             _ => ("return 0;", format!("return {call}")),
         };
-        let _ = write!(body, "{signature} {{\n  if (m->trap) {zero}\n  {call}\n}}\n\n");
+        let _ = write!(body, "{signature} {{\n\tif (m->trap) {zero}\n\t{call}\n}}\n\n");
     }
     body.push_str(&initialization(&module, &calls, &names));
 
@@ -174,7 +174,9 @@ fn name_functions(
     module: &Module,
     calls: &Calls,
 ) -> (BTreeMap<u32, String>, BTreeMap<u32, String>) {
-    let reserved = RUNTIME.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+    let reserved = [HEAD, RUNTIME]
+        .into_iter()
+        .flat_map(|text| text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_'));
     let mut identifiers = Identifiers::new(reserved);
     let (mut names, mut paths) = (BTreeMap::new(), BTreeMap::new());
     for (index, import) in (0..).zip(&module.imports) {
@@ -221,7 +223,7 @@ fn dispatchers(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) ->
         let _ = writeln!(prototypes, "{head};");
         let _ = writeln!(
             text,
-            "/* Calls the function to which a0 points. */\n{head} {{\n  switch (a0) {{"
+            "/* Calls the function to which a0 points. */\n{head} {{\n\tswitch (a0) {{"
         );
         for (function, places) in functions {
             let mut arguments: Vec<String> =
@@ -232,13 +234,13 @@ fn dispatchers(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) ->
             let labels: Vec<String> = places.iter().map(|place| format!("case {place}:")).collect();
             let call = format!("{}({});", names[function], arguments.join(", "));
             let call = if returns { format!("return {call}") } else { format!("{call} return;") };
-            let _ = writeln!(text, "  {} {call}", labels.join(" "));
+            let _ = writeln!(text, "\t{} {call}", labels.join(" "));
         }
-        text.push_str("  }\n");
+        text.push_str("\t}\n");
         for i in (1..=function_type.params().len()).filter(|_| functions.is_empty()) {
-            let _ = writeln!(text, "  (void)a{i};");
+            let _ = writeln!(text, "\t(void)a{i};");
         }
-        let _ = writeln!(text, "  TRAP(CALL);{}\n}}\n", if returns { " return 0;" } else { "" });
+        let _ = writeln!(text, "\tTRAP(CALL);{}\n}}\n", if returns { " return 0;" } else { "" });
     }
     (prototypes, text)
 }
@@ -247,25 +249,25 @@ fn dispatchers(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) ->
 fn initialization(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) -> String {
     let (mut constants, mut lines) = (String::new(), String::new());
     for (index, global) in module.globals.iter().enumerate() {
-        let _ = writeln!(lines, "  m->g{index} = {};", literal(global.value_type, global.value).0);
+        let _ = writeln!(lines, "\tm->g{index} = {};", literal(global.value_type, global.value).0);
     }
     let rows = module.segments.iter().flat_map(|segment| rows(segment.address, segment.bytes));
     for (index, row) in rows.enumerate() {
         let size = row.bytes.len();
         let _ = write!(constants, "static const char data{index}[{}] =", size + 1);
         for piece in row.bytes.chunks(64) {
-            let _ = write!(constants, "\n  \"{}\"", string(piece));
+            let _ = write!(constants, "\n\"{}\"", string(piece));
         }
         constants.push_str(";\n");
-        let _ = writeln!(lines, "  memcpy(m->memory + {}, data{index}, {size});", row.address);
+        let _ = writeln!(lines, "\tmemcpy(m->memory + {}, data{index}, {size});", row.address);
     }
     if let Some(start) = module.start {
         let model = if calls.traits[&start].needs_model { "m" } else { "" };
-        let _ = writeln!(lines, "  {}({model});", names[&start]);
+        let _ = writeln!(lines, "\t{}({model});", names[&start]);
     }
     format!(
-        "{constants}\nvoid MODEL(init)(Model *m) {{\n  m->trap = MODEL_TRAP_NONE;\n  m->depth = 0;\n  \
-         m->pages = {};\n  memset(m->memory, 0, MODEL_MEMORY_SIZE);\n{lines}}}\n",
+        "{constants}\nvoid MODEL(init)(Model *m) {{\n\tm->trap = MODEL_TRAP_NONE;\n\tm->depth = 0;\n\t\
+         m->pages = {};\n\tmemset(m->memory, 0, MODEL_MEMORY_SIZE);\n{lines}}}\n",
         module.pages
     )
 }
@@ -277,18 +279,19 @@ fn runtime(text: &str) -> String {
     let mut texts = vec![text];
     while let Some(text) = texts.pop() {
         for (index, chunk) in chunks.iter().enumerate().skip(1) {
-            let line =
-                chunk.lines().find(|line| line.starts_with("static inline")).unwrap_or_default();
-            let name = line
-                .split('(')
-                .next()
-                .and_then(|head| head.rsplit([' ', '*']).next())
-                .unwrap_or_default();
-            if !needed.contains(&index) && text.contains(&format!("{name}(")) {
+            if !needed.contains(&index) && definitions(chunk).any(|name| mentions(text, name)) {
                 needed.insert(index);
                 texts.push(chunk);
             }
         }
     }
     needed.iter().fold(String::new(), |all, &index| all + chunks[index].trim_end() + "\n\n")
+}
+
+/// The functions and macros that a part of the runtime defines.
+fn definitions(chunk: &str) -> impl Iterator<Item = &str> {
+    let heads = chunk
+        .lines()
+        .filter(|line| line.starts_with("static inline") || line.starts_with("#define"));
+    heads.filter_map(|line| line.split('(').next()?.rsplit([' ', '*']).next())
 }

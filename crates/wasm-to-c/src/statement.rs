@@ -15,7 +15,8 @@ pub enum Statement {
     Line(String),
     /// The same, but nothing after it is reached.
     Exit(String),
-    /// A call, whose result goes to a variable; `declares` is its type if this is its declaration.
+    /// A call, whose result goes to a variable; `declares` is its type if this is its declaration. `checked` is the macro
+    /// that leaves the function if the call had a trap.
     Call {
         declares: Option<&'static str>,
         result: Option<String>,
@@ -86,7 +87,7 @@ impl Writer {
     }
 
     fn line(&mut self, depth: usize, line: &str) {
-        let _ = writeln!(self.text, "{:width$}{line}", "", width = 2 * depth.min(DEEPEST));
+        let _ = writeln!(self.text, "{:\t<width$}{line}", "", width = depth.min(DEEPEST));
     }
 
     fn list(&mut self, statements: Vec<Statement>, place: Place) {
@@ -126,8 +127,10 @@ impl Writer {
             Call { declares, result, call, checked } => {
                 let declares = declares.map(|name| format!("{name} ")).unwrap_or_default();
                 let result = result.map(|name| format!("{name} = ")).unwrap_or_default();
-                let check = checked.map(|exit| format!(" if (m->trap) {exit}")).unwrap_or_default();
-                self.line(depth, &format!("{declares}{result}{call};{check}"));
+                let call = format!("{declares}{result}{call}");
+                let line =
+                    checked.map(|check| format!("{check}({call});")).unwrap_or(format!("{call};"));
+                self.line(depth, &line);
             }
             Goto { condition, label } => {
                 if place.next.contains(&label) {
