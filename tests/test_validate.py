@@ -130,6 +130,26 @@ def test_exported_fmus_have_no_findings(fmus: Path, name: str, options: tuple) -
     assert findings(fmus / f"{name}.fmu", *options) == []
 
 
+@pytest.mark.parametrize(
+    "include", ['#include "parts/b.c"', "# include <b.c>", "#ifdef B\n#include B\n#endif"]
+)
+def test_a_file_that_may_be_included_need_not_be_listed(include: str, tmp_path: Path) -> None:
+    changes = {"sources/full.c": '#include "a.h"', "sources/x/a.h": include}
+    for version in (2, 3):
+        name = f"{version}.fmu"
+        assert findings(fmu(tmp_path, version, {**changes, "sources/parts/b.c": ""}, name)) == []
+
+
+def test_a_build_description_of_fmi_2_is_checked(tmp_path: Path) -> None:
+    listed = replaced(2, "    <SourceFiles>\n      <File name=\"full.c\"/>\n    </SourceFiles>\n", "")
+    assert findings(fmu(tmp_path, 2, {MODEL_FILE: listed, BUILD_FILE: BUILD})) == []
+    text = BUILD.replace("full.c", "half.c").replace('="Full"', '="Half"', 1)
+    found = findings(fmu(tmp_path, 2, {BUILD_FILE: text, "sources/other.cpp": ""}))
+    check(found, 'modelIdentifier is "Half"', "FMI 2.0.5, section 2.3")
+    check(found, f"{BUILD_FILE}:", 'source file "half.c" is missing')
+    check(found, "warning: sources/other.cpp: it is neither listed")
+
+
 # --- the XML files --------------------------------------------------------------------------------
 
 MUTATIONS = tomllib.loads((DATA / "mutations.toml").read_text(encoding="utf-8"))
@@ -144,6 +164,7 @@ FILE_MUTATIONS = [
     ({BUILD_FILE: None}, f"it has no {BUILD_FILE}"),
     ({BUILD_FILE: None, "binaries/x86_64-windows/Full.dll": b""}, "warning: sources: it has no"),
     ({BUILD_FILE: None, "sources/full.c": None}, "neither binaries nor sources"),
+    ({"sources/other.c": ""}, "warning: sources/other.c: it is neither listed nor included"),
     ({"binaries/linux64/Full.so": ELF}, "x86_64-linux", "warning"),
     ({"binaries/x86-linux/full.so": ELF}, "binaries/x86-linux/Full.so"),
     ({"binaries/x86_64-windows/Full.dll": ELF}, "not a shared library"),

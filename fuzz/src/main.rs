@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use cargo_fmu::commands::info;
-use fmu_check::{Finding, Findings};
+use fmu_check::{Finding, Findings, Scope};
 use libfuzzer_sys::fuzz_target;
 use tempfile::NamedTempFile;
 use zip::ZipWriter;
@@ -45,7 +45,8 @@ fn pack(xml: &[u8]) -> Vec<u8> {
 fn examine() {
     let mut findings = Findings::default();
     let deadline = Instant::now() + Duration::from_secs(60);
-    fmu_check::check(FILE.path(), None, deadline, &mut findings);
+    let scope = Scope { probes: None, compile: None, deadline };
+    fmu_check::check(FILE.path(), &scope, &mut findings);
     let kept = findings.groups().iter().flat_map(|group| &group.kept);
     for Finding { location, text, .. } in kept {
         let message = format!("{location}: {text}");

@@ -6,27 +6,39 @@
 #![forbid(unsafe_code)]
 
 mod binary;
+mod compiled;
 mod finding;
 pub mod format;
 mod package;
 mod rule;
 mod rules;
 mod schema;
+mod sources;
 
 use std::path::Path;
 use std::time::Instant;
 
 pub use binary::{Probes, probe};
 pub use finding::{Finding, Findings, Group, Location};
+use fmu_compile::CompileControl;
 use fmu_description::xml;
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use rule::rule;
 pub use rule::{RULES, Rule, Severity};
 
-/// Checks an FMU and adds what it finds; its binaries are run only if `probes` is given. What cannot be checked until
-/// the deadline is a finding, too.
-pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: &mut Findings) {
+/// What to check of an FMU besides its files.
+pub struct Scope<'a> {
+    /// How the binaries are run; `None` if they are not.
+    pub probes: Option<&'a Probes>,
+    /// How the sources are compiled; `None` if they are not. They are run if the binaries are.
+    pub compile: Option<CompileControl<'a>>,
+    /// What cannot be checked until then is a finding. The time of the compiler is added.
+    pub deadline: Instant,
+}
+
+/// Checks an FMU and adds what it finds.
+pub fn check(file: &Path, scope: &Scope<'_>, findings: &mut Findings) {
     let mut archive = match Archive::open(file) {
         Ok(archive) => archive,
         Err(error) => {
@@ -68,25 +80,38 @@ pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: 
         FmiVersion::Fmi2 => &schema::MODEL_2,
         FmiVersion::Fmi3 => &schema::MODEL_3,
     };
-    let mut part = |name: &str, check: &mut dyn FnMut(&mut Findings)| {
-        if Instant::now() < deadline {
+    let part = |name: &str, findings: &mut Findings, check: &mut dyn FnMut(&mut Findings)| {
+        if Instant::now() < scope.deadline {
             return check(findings);
         }
         findings.add(rule!("not-tested"), "archive", format!("there was no time for {name}"));
     };
     let model = ModelDescription::new(&root);
-    part("the schema", &mut |findings| {
+    part("the schema", findings, &mut |findings| {
         schema::check(MODEL_DESCRIPTION, &root, schema, findings);
     });
-    part("the rules of the model description", &mut |findings| rules::check(&model, findings));
-    part("the files", &mut |findings| package::check_files(&model, &mut archive, findings));
+    part("the rules of the model description", findings, &mut |findings| {
+        rules::check(&model, findings);
+    });
+    part("the files", findings, &mut |findings| {
+        package::check_files(&model, &mut archive, findings);
+    });
+    if !archive.faults.is_empty() {
+        return;
+    }
+    let (begin, mut compiled) = (Instant::now(), None);
+    if let Some(control) = &scope.compile {
+        part("the compiler", findings, &mut |findings| {
+            compiled = compiled::compile(file, control, findings);
+        });
+    }
+    let deadline = scope.deadline + begin.elapsed();
     // The test processes read the same model.
-    if let Some(probes) = probes
-        && archive.faults.is_empty()
-        && let Ok(model) = ModelDescription::read(&root)
-    {
-        part("the binaries", &mut |findings| {
-            binary::check(&decoded.text, &model, &mut archive, probes, deadline, findings);
+    if let (Some(probes), Ok(model)) = (scope.probes, ModelDescription::read(&root)) {
+        part("the binaries", findings, &mut |findings| {
+            let compiled = compiled.as_mut().map(|compiled| &mut compiled.archive);
+            let text = &decoded.text;
+            binary::check(text, &model, &mut archive, compiled, probes, deadline, findings);
         });
     }
 }

@@ -1,5 +1,4 @@
-//! Checks of the archive and of the files that it must contain: binaries, sources with
-//! `sources/buildDescription.xml` (FMI 3.0.2, section 2.4.10), folders, and
+//! Checks of the archive and of the files that it must contain: binaries, folders, and
 //! `terminalsAndIcons/terminalsAndIcons.xml` (FMI 3.0.2, section 2.4.9).
 
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -22,8 +21,6 @@ pub const INTERFACES: [&str; 3] = ["ModelExchange", "CoSimulation", "ScheduledEx
 const MAX_BINARY: u64 = 128 << 20;
 /// Maximum number of bytes that are read of an XML file.
 const MAX_XML: u64 = 64 << 20;
-/// How to build the sources.
-const BUILD_FILE: &str = "sources/buildDescription.xml";
 const ICONS: &str = "terminalsAndIcons";
 const TERMINALS_FILE: &str = "terminalsAndIcons/terminalsAndIcons.xml";
 
@@ -75,23 +72,23 @@ fn is_static(folder: &str) -> bool {
 }
 
 /// The files of an FMU.
-struct Files<'a> {
-    model: &'a ModelDescription<'a>,
-    names: HashSet<String>,
-    archive: &'a mut Archive,
-    findings: &'a mut Findings,
+pub struct Files<'a> {
+    pub model: &'a ModelDescription<'a>,
+    pub names: HashSet<String>,
+    pub archive: &'a mut Archive,
+    pub findings: &'a mut Findings,
 }
 
 impl<'a> Files<'a> {
     /// The identifiers of the interface types, which are names of binaries.
-    fn identifiers(&self) -> BTreeSet<&'a str> {
+    pub fn identifiers(&self) -> BTreeSet<&'a str> {
         let identifiers = interfaces(self.model.root);
         identifiers.filter_map(|of| of.attribute("modelIdentifier")).collect()
     }
 
     /// Checks an XML file against its schema, and applies further checks; returns whether it exists. Its damage
     /// is reported by [`check`].
-    fn document(
+    pub fn document(
         &mut self,
         file: &str,
         schema: &Schema,
@@ -221,98 +218,6 @@ impl<'a> Files<'a> {
             require!(findings, "extra-domain" at format!("extra/{entry}"),
                 is_folder && entry.contains('.'),
                 "it is {}, expected a subfolder named after a domain, such as com.example", quote(entry));
-        }
-    }
-
-    /// Checks the sources; returns whether the FMU has any.
-    fn sources(&mut self) -> bool {
-        let root = self.model.root;
-        if self.model.version == FmiVersion::Fmi3 {
-            let is_file = |name: &String| name.starts_with("sources/") && !name.ends_with('/');
-            if self.names.iter().any(is_file)
-                && !self.document(BUILD_FILE, &schema::BUILD, rule!("build-given"), Files::build)
-            {
-                let has_binaries = self.names.iter().any(|name| name.starts_with("binaries/"));
-                let rule = if has_binaries { rule!("sources-left") } else { rule!("build-given") };
-                let text = format!("it has no {BUILD_FILE}, expected it beside the sources");
-                self.findings.add(rule, "sources", text);
-            }
-            return self.names.contains(BUILD_FILE);
-        }
-        for kind in INTERFACES {
-            let mut listed = HashSet::new();
-            let interfaces = root.children(kind);
-            for file in interfaces.flat_map(|kind| kind.list("SourceFiles", "File")) {
-                if let Some(name) = file.attribute("name") {
-                    let path = self.source(name, file.into());
-                    require!(self.findings, "sources-unique" at file, listed.insert(path),
-                        "the source file {} is listed twice, expected once", quote(name));
-                }
-            }
-        }
-        interfaces(root).any(|interface| interface.child("SourceFiles").is_some())
-    }
-
-    /// Checks that a source file exists; returns its path, or else its name.
-    fn source(&mut self, name: &str, at: Location) -> String {
-        let path = archive::relative(&format!("sources/{name}"));
-        let exists = path.as_ref().is_ok_and(|path| self.names.contains(path));
-        require!(self.findings, "sources-exist" at at.clone(), !name.contains('\\'),
-            "the name {} of a source file has a backslash, expected forward slashes", quote(name));
-        require!(self.findings, "sources-exist" at at, exists,
-            "the source file {} is missing, expected it in sources", quote(name));
-        path.unwrap_or_else(|_| name.to_owned())
-    }
-
-    /// Checks `buildDescription.xml`.
-    fn build(&mut self, document: &Element<'_>) {
-        let at = |element| Location::in_file(BUILD_FILE, element);
-        let identifiers = self.identifiers();
-        let mut platforms = HashSet::new();
-        for configuration in document.children("BuildConfiguration") {
-            let identifier = configuration.attribute("modelIdentifier");
-            let identifier = identifier.unwrap_or_default();
-            require!(self.findings, "build-identifier" at at(configuration),
-                identifiers.contains(identifier),
-                "modelIdentifier is {}, expected the modelIdentifier of an interface type", quote(identifier));
-            let platform = configuration.attribute("platform");
-            require!(self.findings, "build-platform" at at(configuration),
-                platforms.insert((identifier, platform)),
-                "two configurations have {}, expected one", platform.map_or("no platform".into(), quote));
-            require!(self.findings, "build-sources" at at(configuration),
-                configuration.child("SourceFileSet").is_some(),
-                "it has no SourceFileSet, expected one");
-            for set in configuration.children("SourceFileSet") {
-                self.source_set(set);
-            }
-        }
-    }
-
-    /// Checks a set of source files, and what it is compiled with.
-    fn source_set(&mut self, set: &Element<'_>) {
-        let at = |element| Location::in_file(BUILD_FILE, element);
-        for kind in ["SourceFile", "PreprocessorDefinition", "IncludeDirectory"] {
-            let mut names = HashSet::new();
-            for element in set.children(kind) {
-                let name = element.attribute("name").unwrap_or_default();
-                require!(self.findings, "build-once" at at(element), names.insert(name),
-                    "the {kind} {} appears twice, expected once", quote(name));
-            }
-        }
-        require!(self.findings, "build-compiler" at at(set),
-            set.has("compiler") || !set.has("compilerOptions"),
-            "it has compilerOptions and no compiler, expected both");
-        for definition in set.children("PreprocessorDefinition") {
-            if let Some(value) = definition.attribute("value") {
-                let mut options = definition.children("Option").peekable();
-                let is_free = options.peek().is_none();
-                require!(self.findings, "build-option" at at(definition),
-                    is_free || options.any(|option| option.attribute("value") == Some(value)),
-                    "value is {}, expected the value of an Option", quote(value));
-            }
-        }
-        for file in set.children("SourceFile") {
-            self.source(file.attribute("name").unwrap_or_default(), at(file));
         }
     }
 

@@ -6,11 +6,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use fmu_check::{Findings, Probes, Severity, format};
-use fmu_compile::{CompileError, binaries, write_with};
-use tempfile::TempDir;
+use fmu_check::{Findings, Probes, Scope, Severity, format};
+use fmu_compile::CompileControl;
 
-use super::build::{compile_in, error_about};
 use super::files;
 use super::stale;
 use crate::session::{self, Session};
@@ -31,12 +29,13 @@ pub struct ValidateArgs {
     /// Format of the findings
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
+    /// Compile the sources, too, with the system's compiler, and run them: if there is no binary for this machine,
+    /// in all tests; otherwise to compare their results with those of the binary
+    #[arg(long, conflicts_with = "sandbox")]
+    compile: bool,
     /// Do not run the binaries
     #[arg(long)]
     no_run: bool,
-    /// Compile FMUs that have C or C++ sources, but no binary for this machine, and run what was compiled
-    #[arg(long, conflicts_with_all = ["no_run", "sandbox"])]
-    compile: bool,
     /// Refuse native binaries; run WebAssembly components only
     #[arg(long)]
     sandbox: bool,
@@ -83,10 +82,15 @@ pub fn run(args: &ValidateArgs, session: &Session, out: &mut impl Write) -> Resu
     let (mut is_valid, mut checked) = (true, Vec::new());
     for file in &files {
         let mut findings = Findings::keeping(if args.all { Findings::ALL } else { Findings::FEW });
-        let compiled = if args.compile { compiled(file, session)? } else { None };
-        let checked_file = compiled.as_ref().map_or(file.as_path(), |(_, copy)| copy);
-        let deadline = Instant::now() + Duration::from_secs(args.total_time.into());
-        fmu_check::check(checked_file, probes.as_ref(), deadline, &mut findings);
+        let time_limit = Duration::from_secs(args.total_time.into());
+        let is_cancelled = &|| session.signal().is_some();
+        let control = CompileControl { time_limit, is_cancelled, ..CompileControl::default() };
+        let scope = Scope {
+            probes: probes.as_ref(),
+            compile: args.compile.then_some(control),
+            deadline: Instant::now() + time_limit,
+        };
+        fmu_check::check(file, &scope, &mut findings);
         is_valid &= findings.errors() == 0;
         match args.format {
             Format::Text => print(file, &findings, out)?,
@@ -99,30 +103,6 @@ pub fn run(args: &ValidateArgs, session: &Session, out: &mut impl Write) -> Resu
         Format::Sarif => writeln!(out, "{:#}", format::sarif(&checked))?,
     }
     Ok(is_valid)
-}
-
-/// A copy of an FMU in a temporary folder, with the binary that is compiled from its sources, unless it has one.
-///
-/// # Errors
-/// The copy cannot be written.
-fn compiled(file: &Path, session: &Session) -> Result<Option<(TempDir, PathBuf)>> {
-    // The validator reports what it cannot read.
-    if !matches!(binaries(file), Ok(present) if present.is_empty()) {
-        return Ok(None);
-    }
-    let folder = tempfile::tempdir_in(session.folder())?;
-    match compile_in(folder.path(), file, false, session) {
-        Ok(compiled) => {
-            let copy = folder.path().join("copy.fmu");
-            write_with(file, &compiled.libraries, &copy)?;
-            Ok(Some((folder, copy)))
-        }
-        Err(CompileError::NoSources) => Ok(None),
-        Err(error) => {
-            ui::warn(&format!("{:#}", error_about(file, error)));
-            Ok(None)
-        }
-    }
 }
 
 fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {

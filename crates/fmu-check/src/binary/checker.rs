@@ -4,6 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::Read;
+use std::mem;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Mutex;
@@ -22,7 +23,7 @@ use crate::binary::probes::{INSTANCES, MISTAKES, OTHERS, Probe};
 use crate::binary::report::lock;
 use crate::binary::task::{Pace, Reply, Task, logged};
 use crate::binary::vocabulary::ONLY_ONCE;
-use crate::binary::{excitation, observed};
+use crate::binary::{COMPILED, excitation, observed};
 use crate::finding::Findings;
 use crate::rule::{RULES, Rule, Severity, rule};
 
@@ -44,6 +45,8 @@ pub struct Probes {
 /// Number of steps of a quick test, and maximum number of a short run.
 const FEW_STEPS: usize = 5;
 const SHORT_RUN: usize = 300;
+/// Maximum number of steps in which the results of compiled sources are compared.
+const COMPARED_RUN: usize = 3000;
 /// Maximum duration of a short run, as a fraction of the time limit of a call.
 const SHORT_TIME: f64 = 0.03;
 /// Time limit of a test, relative to the time limit of a call.
@@ -156,6 +159,10 @@ pub struct Checker<'a> {
     pub broken: HashMap<&'static str, [&'static str; 2]>,
     /// The duration of the longest step or of the initialization in s.
     pub longest: f64,
+    /// The session of the binary that was compiled from the sources, if it is to be compared.
+    pub compiled: Option<PathBuf>,
+    /// The number of steps in which it is compared.
+    pub compared_steps: usize,
     /// What was not tested, as it cannot be, or the FMU does not allow it.
     pub untested: Vec<String>,
     /// How many tests run at the same time.
@@ -211,6 +218,7 @@ impl Checker<'_> {
             return Ok(());
         }
         self.compare_processes()?;
+        self.compare_sources()?;
         // One cause is one finding: if instances share state, the other tests make one in each process.
         let runs = self.runs(INSTANCES);
         let outcomes = self.tests(&runs)?;
@@ -254,6 +262,10 @@ impl Checker<'_> {
             let outcome = self.test(Probe::named("experiment")?)?;
             if let Some(pace) = outcome.ran {
                 self.task.steps = self.short(pace);
+                self.compared_steps = match self.probes.is_quick {
+                    true => self.task.steps,
+                    false => pace.steps.min(COMPARED_RUN),
+                };
                 self.longest = pace.longest;
                 let has_inputs = !excitation::inputs(self.model).is_empty();
                 if excitation > strongest && has_inputs {
@@ -330,6 +342,47 @@ impl Checker<'_> {
         }
         // Such as the time that the FMU has used, or addresses: they differ in all other tests, too.
         self.task.ignored.extend(volatile);
+        Ok(())
+    }
+
+    /// Compares the results of the binary with those of the compiled sources. Compilers round differently, so other last
+    /// digits are no error.
+    fn compare_sources(&mut self) -> Result<()> {
+        /// Rounding may have a solver take other steps, whose error is up to this part of a value.
+        const ROUNDING: f64 = 1e-3;
+        let Some(compiled) = self.compiled.take() else { return Ok(()) };
+        let trace = Probe::named("trace")?;
+        let steps = mem::replace(&mut self.task.steps, self.compared_steps);
+        let expected = self.test(trace)?.trace(trace);
+        let own = (
+            mem::replace(&mut self.task.session, compiled),
+            mem::replace(&mut self.about, COMPILED),
+        );
+        let actual = self.test(trace);
+        (self.task.session, self.about) = own;
+        self.task.steps = steps;
+        let (Some(expected), Some(actual)) = (expected, actual?.trace(trace)) else {
+            return Ok(());
+        };
+        if actual.len() != expected.len() {
+            let (found, expected) = (actual.len(), expected.len());
+            let text = format!(
+                "the run of the compiled sources has {found} points, expected {expected} as of the binary"
+            );
+            self.add(rule!("sources-results"), text);
+            return Ok(());
+        }
+        let observed = observed::observed(self.model, &self.task.ignored);
+        let first = |tolerance| {
+            let how = ["compiled from the sources", " as of the binary"];
+            let all = observed.differences(&actual, &expected, tolerance, how);
+            Difference::first(&all).map(|difference| difference.text.clone())
+        };
+        match (first(ROUNDING), first(0.0)) {
+            (Some(text), _) => self.add(rule!("sources-results"), text),
+            (None, Some(text)) => self.findings.add_hint(&format!("other digits: {text}")),
+            (None, None) => {}
+        }
         Ok(())
     }
 

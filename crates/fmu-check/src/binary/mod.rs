@@ -38,12 +38,17 @@ pub use worker::run as probe;
 /// The sizes of files, and the times of their last changes.
 type Files = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
+/// What stands before findings on binaries that were compiled from the sources.
+const COMPILED: &str = "compiled sources: ";
+
 /// Runs the binaries built for this machine or the WebAssembly components, if there are any, until the deadline. `text`
-/// is the model description.
+/// is the model description. `compiled` is the FMU with binaries that were compiled from its sources: they are run if
+/// the FMU has none for this machine, or else compared with those that it has.
 pub fn check(
     text: &str,
     model: &ModelDescription<'_>,
     archive: &mut Archive,
+    compiled: Option<&mut Archive>,
     probes: &Probes,
     deadline: Instant,
     findings: &mut Findings,
@@ -52,13 +57,18 @@ pub fn check(
     let component = Platform::component(model.version).filter(|_| cfg!(feature = "sandbox"));
     let platforms = Vec::from_iter(native.into_iter().chain(component));
     let interfaces = [model.co_simulation(), model.model_exchange()];
-    let binaries = |platform: &Platform| -> Vec<(&Element<'_>, String)> {
+    let binaries = |platform: &Platform, archive: &Archive| -> Vec<(&Element<'_>, String)> {
         (interfaces.into_iter().flatten())
             .filter_map(|e| Some((e, platform.binary(e.attribute("modelIdentifier")?))))
             .filter(|(_, binary)| archive.names.contains(binary))
             .collect()
     };
-    let all = platforms.iter().map(|platform| (*platform, binaries(platform)));
+    let has_own = native.is_some_and(|native| !binaries(&native, archive).is_empty());
+    let (archive, compared, subject) = match compiled.filter(|_| native.is_some()) {
+        Some(compiled) if !has_own => (compiled, None, COMPILED),
+        compared => (archive, compared, ""),
+    };
+    let all = platforms.iter().map(|platform| (*platform, binaries(platform, archive)));
     let Some((platform, binaries)) = all.into_iter().find(|(_, found)| !found.is_empty()) else {
         // An FMU without binaries has sources, or the lack of both has been reported.
         let mut names = archive.names.iter();
@@ -80,10 +90,11 @@ pub fn check(
             return findings.add(rule!("binary-not-run"), binary.as_str(), text);
         }
     }
-    let mut run_all = || -> Result<()> {
+    let run_all = || -> Result<()> {
         let session = unpack(text, archive, platform)?;
+        let compared = compared.map(|compiled| unpack(text, compiled, platform)).transpose()?;
         let files = list(&session.path().join(FMU))?;
-        let (mut ignored, mut about, mut seen) = (HashSet::new(), "", HashMap::new());
+        let (mut ignored, mut about, mut seen) = (HashSet::new(), subject, HashMap::new());
         let (mut is_alone, mut untested, mut broken) =
             (false, untested(model, probes.is_quick), HashMap::new());
         for ((element, binary), others) in binaries.iter().zip((1..=binaries.len() as u32).rev()) {
@@ -104,6 +115,8 @@ pub fn check(
                 seen,
                 broken,
                 longest: 0.0,
+                compiled: compared.as_ref().map(|session| session.path().to_owned()),
+                compared_steps: 0,
                 untested,
                 workers: workers(element),
                 deadline: now + deadline.saturating_duration_since(now) / others,
@@ -113,7 +126,11 @@ pub fn check(
             };
             checker.run()?;
             let task = checker.task;
-            (ignored, about, seen) = (task.ignored, "model exchange: ", checker.seen);
+            about = match subject {
+                COMPILED => "compiled sources: model exchange: ",
+                _ => "model exchange: ",
+            };
+            (ignored, seen) = (task.ignored, checker.seen);
             (is_alone, untested, broken) = (task.is_alone, checker.untested, checker.broken);
         }
         untested.dedup();
