@@ -141,13 +141,63 @@ def test_a_file_that_may_be_included_need_not_be_listed(include: str, tmp_path: 
 
 
 def test_a_build_description_of_fmi_2_is_checked(tmp_path: Path) -> None:
-    listed = replaced(2, "    <SourceFiles>\n      <File name=\"full.c\"/>\n    </SourceFiles>\n", "")
+    listed = replaced(2, '    <SourceFiles>\n      <File name="full.c"/>\n    </SourceFiles>\n', "")
     assert findings(fmu(tmp_path, 2, {MODEL_FILE: listed, BUILD_FILE: BUILD})) == []
     text = BUILD.replace("full.c", "half.c").replace('="Full"', '="Half"', 1)
     found = findings(fmu(tmp_path, 2, {BUILD_FILE: text, "sources/other.cpp": ""}))
     check(found, 'modelIdentifier is "Half"', "FMI 2.0.5, section 2.3")
     check(found, f"{BUILD_FILE}:", 'source file "half.c" is missing')
     check(found, "warning: sources/other.cpp: it is neither listed")
+
+
+def with_sources(file: Path, *definitions: str, code: str = "", has_binary: bool = True) -> Path:
+    """Write the FMU Lawful with its sources, in front of which there may be other code."""
+    given = "".join(f'<PreprocessorDefinition name="{name}"/>' for name in definitions)
+    files = {name: text for name, text in read(in_c(file)).items()
+             if has_binary or not name.startswith("binaries/")}  # fmt: skip
+    for name in ("lawful.c", "stubs.h", "fmi2.h"):
+        files[f"sources/{name}"] = (SOURCES / name).read_bytes()
+    files["sources/lawful.c"] = code.encode() + files["sources/lawful.c"]
+    files[BUILD_FILE] = (
+        '<fmiBuildDescription fmiVersion="3.0"><BuildConfiguration modelIdentifier="Lawful">'
+        f'<SourceFileSet language="C99"><SourceFile name="lawful.c"/>{given}</SourceFileSet>'
+        "</BuildConfiguration></fmiBuildDescription>"
+    ).encode()
+    return write(file, files)
+
+
+def test_compiled_sources_are_tested_as_their_binary(tmp_path: Path) -> None:
+    own = with_sources(tmp_path / "Lawful.fmu")
+    expected = findings(own)
+    assert findings(own, "--compile") == expected
+    without = with_sources(tmp_path / "Lawful.fmu", has_binary=False)
+    assert findings(without) == []
+    found = findings(without, "--compile")
+    assert [line.replace("compiled sources: ", "") for line in found] == expected != found
+
+
+def test_sources_that_do_not_compile_are_found(tmp_path: Path) -> None:
+    file = with_sources(tmp_path / "Lawful.fmu", code="#error lost\n")
+    assert findings(file, "--no-run") == []
+    for options in ((), ("--no-run",)):
+        found = findings(file, "--compile", *options)
+        check(found, "error: sources/lawful.c: it does not compile", "#error lost")
+    file = with_sources(tmp_path / "Lawful.fmu", code="#define fmi2Instantiate lost\n")
+    check(
+        findings(file, "--compile", "--no-run"),
+        "error: sources: they do not compile",
+        "fmi2Instantiate",
+    )
+
+
+def test_results_of_compiled_sources_are_compared_with_the_binary(tmp_path: Path) -> None:
+    file = with_sources(tmp_path / "Lawful.fmu", "KINK")
+    assert not any("compiled from the sources" in line for line in findings(file))
+    check(
+        findings(file, "--compile"),
+        "error: binaries/linux64/Lawful.so",
+        "compiled from the sources",
+    )
 
 
 # --- the XML files --------------------------------------------------------------------------------
@@ -234,6 +284,8 @@ OTHER_VIOLATIONS = {
     "input-events": "test_events_by_inputs_that_co_simulation_ignores_are_found",
     "memory-functions": "test_memory_of_the_host_is_not_used_unless_the_xml_says_so",
     "not-tested": "test_what_there_was_no_time_for_is_named",
+    "sources-compile": "test_sources_that_do_not_compile_are_found",
+    "sources-results": "test_results_of_compiled_sources_are_compared_with_the_binary",
     "utf-8": "test_other_encodings_are_read",
 }  # fmt: skip
 """Rules whose violations are neither mutations nor planted defects, and the tests of them."""
