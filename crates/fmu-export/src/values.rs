@@ -156,7 +156,7 @@ impl Instance {
         if self.shared.settings.edge.version == FmiVersion::Fmi2 {
             return Ok(references.into());
         }
-        let mut elements = Vec::with_capacity(n);
+        let mut elements = Vec::new();
         for &reference in references {
             let Some(count) = self.elements_accessed(reference) else {
                 return refused!("value reference {reference} is unknown");

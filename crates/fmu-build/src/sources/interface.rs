@@ -259,6 +259,13 @@ impl Function {
             let _ = writeln!(text, "    if (!in_state(&call, {state}, &{state}_at))");
             let _ = writeln!(text, "        return call.status;");
         }
+        // A host may have more room than the state needs.
+        for bytes in self.arguments().filter(|argument| is_room_for_state(argument)) {
+            let ArgumentKind::OutArray { length, .. } = bytes.kind else { continue };
+            let size = "size_of_state(&call, state, state_at)";
+            let _ = writeln!(text, "    if ({length} > {size})");
+            let _ = writeln!(text, "        {length} = {size};");
+        }
         let space: Vec<&str> = passed.iter().filter_map(|passed| passed.space.as_deref()).collect();
         let sum = if space.is_empty() { "0".to_owned() } else { space.join(" + ") };
         let mut body = String::new();
@@ -293,13 +300,14 @@ impl Function {
                 }
             }
         }
+        text += &match body.lines().count() {
+            1 => format!("    if (enter(&call, {sum}))\n{body}"),
+            _ => format!("    if (enter(&call, {sum})) {{\n{body}    }}\n"),
+        };
         for state in states {
-            let _ = writeln!(body, "        end_state(&call, {state}_at);");
+            let _ = writeln!(text, "    end_state(&call, {state}_at);");
         }
-        match body.lines().count() {
-            1 => text + &format!("    if (enter(&call, {sum}))\n{body}"),
-            _ => text + &format!("    if (enter(&call, {sum})) {{\n{body}    }}\n"),
-        }
+        text
     }
 
     /// The call of the model's function, which ends the call of the host.
@@ -414,6 +422,11 @@ impl Function {
         };
         Passed { space: Some(space), before: declare(before), after, ..Passed::value(at) }
     }
+}
+
+/// Whether an argument is where a state is serialized.
+fn is_room_for_state(argument: &Argument) -> bool {
+    argument.name == "bytes" && matches!(argument.kind, ArgumentKind::OutArray { .. })
 }
 
 /// How an argument is passed.

@@ -402,7 +402,7 @@ impl Instance {
         sizes: &mut [usize],
         values: &mut [fmi3Binary],
     ) -> Result<(), ModelError> {
-        let mut found = Vec::with_capacity(values.len());
+        let mut found = Vec::new();
         self.get_of_type(Type::Binary, references, values.len(), &mut |_, value| {
             if let Value::Binary(bytes) = value {
                 found.push(bytes);

@@ -61,6 +61,22 @@ unsafe fn store(snapshot: Snapshot, state: &mut *mut c_void) -> Result<(), Model
     Ok(())
 }
 
+impl Instance {
+    /// Checks that there is memory for a state, and for the next message.
+    #[cfg(all(target_arch = "wasm32", feature = "sources"))]
+    fn check_memory(&self) -> Result<(), ModelError> {
+        const MESSAGE: usize = 2 << 10;
+        let found = Vec::<u8>::new().try_reserve_exact(2 * size_of_val(&self.model) + MESSAGE);
+        found.map_err(|_| ModelError::refuse("there is no memory for another state"))
+    }
+
+    /// Elsewhere, memory is not short.
+    #[cfg(not(all(target_arch = "wasm32", feature = "sources")))]
+    fn check_memory(&self) -> Result<(), ModelError> {
+        Ok(())
+    }
+}
+
 /// Each is safe if the host has made the promises of [`saved`] for the pointer to a state.
 impl Instance {
     pub(super) unsafe fn get_fmu_state(
@@ -68,6 +84,7 @@ impl Instance {
         state: Option<&mut *mut c_void>,
     ) -> Result<(), ModelError> {
         let state = required(state)?;
+        self.check_memory()?;
         // SAFETY: the caller's promise.
         unsafe { store(self.snapshot()?, state) }
     }
@@ -126,6 +143,7 @@ impl Instance {
     ) -> Result<(), ModelError> {
         let state = required(state)?;
         let bytes = bytes.ok_or_else(|| ModelError::refuse("the bytes are NULL"))?;
+        self.check_memory()?;
         let restored = self.deserialize(bytes)?;
         // SAFETY: the caller's promise.
         unsafe { store(restored, state) }

@@ -240,7 +240,7 @@ impl Instance {
         references: &[u32],
         values: &mut [*const c_char],
     ) -> Result<(), ModelError> {
-        let mut texts = Vec::with_capacity(values.len());
+        let mut texts = Vec::new();
         self.get_of_type(Type::String, references, values.len(), &mut |_, value| {
             if let Value::String(text) = value {
                 texts.push(c_text(&text));

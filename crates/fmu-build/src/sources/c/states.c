@@ -2,7 +2,7 @@
  *
  * The host has a state as the bytes of its serialization, outside of the instance, so it may have as many as it likes. A
  * state in the memory of the model exists only during a call. Without a heap, and for models whose states cannot be
- * serialized, the states of the host are in the memory of the model.
+ * serialized, the states of the host are in the memory of the model, as many as fit, and each belongs to its instance.
  */
 
 /* An address that is no state, for pointers of the host that point to none: the model refuses it. */
@@ -10,20 +10,32 @@
 
 #if defined(FMU_STATIC_INSTANCES) || !@IS_SERIALIZED@
 
-/* Passes a state. */
+/* Passes a state of this instance. */
 static int in_state(Call *call, const void *state, uint32_t *address)
 {
-    Model *const model = &call->instance->model;
-    const uintptr_t offset = (uintptr_t)state - (uintptr_t)model->memory;
-    *address = !state ? 0 : offset < MODEL_MEMORY_SIZE ? (uint32_t)offset : NOT_A_STATE;
+    *address = state ? NOT_A_STATE : 0;
+    if (call->instance && state) {
+        const uintptr_t offset = (uintptr_t)state - (uintptr_t)call->instance->model.memory;
+        if (offset < MODEL_MEMORY_SIZE)
+            *address = (uint32_t)offset;
+    }
     return 1;
 }
 
 /* Ends the use of a state that was passed. */
 static void end_state(Call *call, uint32_t address)
 {
-    (void)call;
-    (void)address;
+    (void)call, (void)address;
+}
+
+/* What a serialized state needs. */
+static size_t size_of_state(Call *call, const void *state, uint32_t address)
+{
+    (void)state;
+    if (address <= NOT_A_STATE || !enter(call, space(1, 4)))
+        return 0;
+    leave(call, MODEL(@SIZE_OF_STATE@)(&call->instance->model, call->instance->handle, address, call->next));
+    return call->status == fmiXOK ? model_load_u32(&call->instance->model, call->next) : 0;
 }
 
 /* The state that the model shall change in a variable of the host. */
@@ -53,6 +65,13 @@ static const char state_magic[8] = {'F', 'M', 'U', 'S', 'O', 'U', 'R', 'C'};
 static int is_state(const void *state)
 {
     return !memcmp(state, state_magic, sizeof state_magic);
+}
+
+/* What a serialized state needs. */
+static size_t size_of_state(Call *call, const void *state, uint32_t address)
+{
+    (void)call, (void)address;
+    return state && is_state(state) ? ((const State *)state)->size : 0;
 }
 
 /* Ends the use of a state that was passed. */
