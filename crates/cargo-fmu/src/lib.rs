@@ -50,6 +50,7 @@ Examples:\n  cargo fmu new my-controller\n  cargo fmu new my-controller --c"
       --target universal2-apple-darwin for Linux, Windows and macOS
   cargo fmu export Pid --binary win64=fmu_controller.dll
                                        with a binary built elsewhere
+  cargo fmu export --sources           with C sources, for other targets
   cargo fmu export Pid --name FastPid --set pid.kp=400 --set ts=0.0005
                                        a variant with other start values")]
     Export(fmu_build::ExportOptions),

@@ -150,7 +150,19 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         let mut hosted = unsafe { Box::from_raw(pointer.cast::<Self>()) };
         let place = hosted.instance.shared.settings.place.take();
         // The next instance may be created when the model is dropped.
+        #[cfg(not(all(target_arch = "wasm32", feature = "sources")))]
         drop(hosted);
+        #[cfg(all(target_arch = "wasm32", feature = "sources"))]
+        {
+            /// Not compiled with the model, for speed.
+            #[inline(never)]
+            fn free_shared(shared: crate::instance::Shared) {
+                drop(shared);
+            }
+            let Instance { shared, model } = hosted.instance;
+            drop(model);
+            free_shared(shared);
+        }
         drop(place);
     }
 }
