@@ -43,6 +43,11 @@ typedef struct Model {
 @GLOBALS@    uint8_t memory[MODEL_MEMORY_SIZE];
 } Model;
 
+/* A shared library keeps these functions to itself, so that another one with the same names cannot replace them. */
+#if defined(__GNUC__) && !defined(_WIN32) && !defined(__CYGWIN__)
+#pragma GCC visibility push(hidden)
+#endif
+
 /* Initialize an instance: all of it but `host`. */
 void MODEL(init)(Model *m);
 
@@ -50,6 +55,10 @@ void MODEL(init)(Model *m);
 @EXPORTS@
 /* The functions that the model calls, to be defined elsewhere. */
 @IMPORTS@
+#if defined(__GNUC__) && !defined(_WIN32) && !defined(__CYGWIN__)
+#pragma GCC visibility pop
+#endif
+
 /* What a trap means, in words. */
 static inline const char *model_trap_message(int32_t trap) {
     switch (trap) {

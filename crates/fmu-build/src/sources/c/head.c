@@ -6,7 +6,6 @@
  *
  *   FMIX_FUNCTION_PREFIX   a prefix for the functions, such as @PREFIX@, for a program with several FMUs
  *   FMU_STATIC_INSTANCES   the number of instances, to have them in static memory instead of the heap
- *   MODEL_MEMORY_SIZE      more memory for each instance than the model needs
  *
  * An instance is one block of memory, sizeof(Instance) bytes. Only states that the host asks for are outside of it. There
  * are no other variables, so instances are independent of each other. A panic or another failure of the model ends its
