@@ -31,8 +31,14 @@ FMU := target/debug/cargo-fmu
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
-.PHONY: help demo paper plot check test report fmus program module portable cross wasm page wheel bench \
-	lint optional system sandbox judge valgrind conformance elsewhere importers fuzz ssp picture lock clean
+# Installs the compiler's target for WebAssembly unless it is there.
+WITH_WASM = test -d "$$(rustc --print target-libdir --target wasm32-unknown-unknown)" \
+	|| test -d /usr/$(RUST_SOURCES) || rustup target add wasm32-unknown-unknown \
+	|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src lld; }
+
+.PHONY: help demo paper plot check test report fmus program module portable cross wasm sources page wheel bench \
+	lint optional system sandbox judge valgrind conformance elsewhere importers fuzz ssp picture microcontroller \
+	lock clean
 .DEFAULT_GOAL := demo
 
 help:
@@ -98,10 +104,13 @@ cross: program $(VENV)/.portable
 
 ## wasm: export FMUs with WebAssembly components to target/wasm
 wasm: program
-	test -d "$$(rustc --print target-libdir --target wasm32-unknown-unknown)" \
-		|| test -d /usr/$(RUST_SOURCES) || rustup target add wasm32-unknown-unknown \
-		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src lld; }
+	$(WITH_WASM)
 	$(FMU) export --fmi 3.0 --target wasm --out target/wasm
+
+## sources: export FMUs as C sources to target/sources
+sources: program
+	$(WITH_WASM)
+	$(FMU) export --fmi 2.0,3.0 --sources --out target/sources
 
 ## page: write a page that runs the FMUs in the browser, one file without server: target/page/index.html
 page: wasm
@@ -115,7 +124,7 @@ wheel: $(VENV)/.test $(VENV)/.wheel
 	$(RUN) -m pytest -m publish tests/test_wheel.py
 
 ## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md
-bench: fmus page $(VENV)/.test $(VENV)/.bench
+bench: fmus page sources $(VENV)/.test $(VENV)/.bench
 	cargo build --locked --profile native --package cargo-fmu --package fmu-python --package bench \
 		--features cargo-fmu/sandbox,bench/sandbox
 	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
@@ -140,6 +149,8 @@ optional: fmus module page $(VENV)/.test
 system: $(VENV)/.node
 	$(call apt,chromium,chromium)
 	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
+	$(call apt,arm-none-eabi-gcc,gcc-arm-none-eabi libnewlib-arm-none-eabi)
+	$(call apt,qemu-system-arm,qemu-system-arm)
 
 # sandbox: build the command line with wasmtime, and test how it runs components
 sandbox: wasm fmus $(VENV)/.test
@@ -193,6 +204,11 @@ ssp: fmus
 # picture: record the page for the README
 picture: page $(VENV)/.test
 	$(RUN) web/record.py
+
+# microcontroller: run the loop of the paper on a microcontroller, which qemu emulates, and draw it for docs/sources.md
+microcontroller: fmus module sources $(VENV)/.test
+	$(MAKE) --no-print-directory -C examples/microcontroller run
+	$(RUN) examples/microcontroller/picture.py
 
 # lock: write the versions of all Python packages to uv.lock; delete it first to upgrade
 lock: $(RUN)

@@ -95,6 +95,12 @@ def fmus(export: Callable[..., Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
+def sources(export: Callable[..., Path]) -> Path:
+    """Export the FMUs as C sources; return their folder."""
+    return export(ROOT / "target" / "sources", "--fmi", "2.0,3.0", "--sources")
+
+
+@pytest.fixture(scope="session")
 def components(export: Callable[..., Path]) -> Path:
     """Export the FMUs with WebAssembly components; return their folder."""
     return export(ROOT / "target" / "wasm", "--fmi", "3.0", "--target", "wasm")

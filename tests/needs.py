@@ -38,8 +38,9 @@ class Tool:
             pytest.fail(f"it needs {self.missing()}", pytrace=False)
 
 
-def _program(name: str, command: str, title: str = "") -> Tool:
-    return Tool(title or name, command, lambda: shutil.which(name) is not None)
+def _program(name: str, command: str, title: str = "", *others: str) -> Tool:
+    names = (name, *others)
+    return Tool(title or name, command, lambda: all(map(shutil.which, names)))
 
 
 def _library(file: str, command: str) -> Tool:
@@ -55,6 +56,9 @@ def _library(file: str, command: str) -> Tool:
 CHROMIUM = _program("chromium", "make system", "Chromium")
 NODE = Tool("Node", "make system", lambda: node.program() is not None)
 LIBTBB = _library("libtbb.so.12", "make system")
+MICROCONTROLLER = _program(
+    "arm-none-eabi-gcc", "make system", "gcc for microcontrollers with qemu", "qemu-system-arm"
+)
 VALGRIND = _program("valgrind", "make valgrind")
 WINE = _program("wine", "make elsewhere", "Wine")
 MINGW = _program("x86_64-w64-mingw32-gcc", "make elsewhere", "MinGW")
