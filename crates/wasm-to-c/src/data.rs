@@ -92,3 +92,38 @@ fn hexadecimal(value: f64) -> String {
         _ => format!("{sign}0x1{point}{digits}p{}", exponent - 1023),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_exactly() {
+        let number = |value: f64| literal(ValType::F64, value.to_bits()).0;
+        assert_eq!(number(0.5), "0.5");
+        assert_eq!(number(-0.0), "-0.0");
+        assert_eq!(number(1e3), "1000.0");
+        assert_eq!(number(0.1), "0x1.999999999999ap-4 /* 0.1 */");
+        assert_eq!(number(-1e300), "-0x1.7e43c8800759cp996 /* -1e300 */");
+        assert_eq!(number(f64::from_bits(1)), "0x0.0000000000001p-1022 /* 5e-324 */");
+        assert_eq!(number(f64::INFINITY), "f64_from_bits(0x7ff0000000000000u)");
+        assert_eq!(
+            literal(ValType::F32, u64::from(0.1f32.to_bits())).0,
+            "0x1.99999ap-4f /* 0.10000000149011612 */"
+        );
+        assert_eq!(literal(ValType::I32, 0xffff_ffff).0, "0xffffffffu");
+    }
+
+    #[test]
+    fn strings_have_no_escape_that_goes_on_in_the_next_character() {
+        assert_eq!(string(b"\x017\0a??=\n\"\xff"), "\\0017\\0a\\?\\?=\\n\\\"\\377");
+    }
+
+    #[test]
+    fn rows_leave_out_long_gaps_of_zeros() {
+        let bytes = [&[0; 5][..], b"ab", &[0; 3], b"c", &[0; 100], b"d", &[0; 9]].concat();
+        let rows: Vec<_> =
+            rows(1000, &bytes).iter().map(|row| (row.address, row.bytes.to_vec())).collect();
+        assert_eq!(rows, [(1005, b"ab\0\0\0c".to_vec()), (1111, b"d".to_vec())]);
+    }
+}

@@ -55,7 +55,8 @@ pub struct Function<'a> {
     frames: Vec<Frame>,
     statements: Vec<Statement>,
     facts: Facts,
-    /// The checks since the last statement that may leave the function.
+    /// The checks since the last label or jump, which a later check extends: a trap may be found earlier than in
+    /// WebAssembly, but in no other case.
     checks: HashMap<String, usize>,
     /// The variables for the values of blocks.
     variables: Vec<(ValType, String)>,
@@ -285,7 +286,6 @@ impl<'a> Function<'a> {
     fn trap_if(&mut self, condition: String, trap: &'static str) {
         self.traps.insert(trap);
         self.line(format!("if ({condition}) goto {};", trap.to_lowercase()));
-        self.checks.clear();
     }
 
     /// Checks that so many bytes from the address in a variable are in memory, if that is not known.
@@ -664,7 +664,6 @@ impl<'a> Function<'a> {
             return self.stack.push(value);
         }
         self.settle(|expression| expression.reads_memory || expression.reads_globals);
-        self.checks.clear();
         let checked =
             traps.then_some(if self.function_type.results().is_empty() { "TRY" } else { "TRY0" });
         let name = result.map(|_| format!("t{}", self.temporaries));

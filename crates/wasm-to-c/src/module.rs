@@ -21,6 +21,7 @@ fn features() -> WasmFeatures {
         | WasmFeatures::MULTI_VALUE
         | WasmFeatures::BULK_MEMORY
         | WasmFeatures::REFERENCE_TYPES
+        | WasmFeatures::GC_TYPES
 }
 
 /// A function that the module calls and does not define.

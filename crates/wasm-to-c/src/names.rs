@@ -117,3 +117,34 @@ pub fn mentions(text: &str, identifier: &str) -> bool {
         !text[..i].ends_with(is_part) && !text[i + identifier.len()..].starts_with(is_part)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn identifiers_are_the_last_parts_of_paths() {
+        let mut identifiers = Identifiers::new(["f64_bits"].into_iter());
+        let cases = [
+            ("_RNvCs1234_7control4step", "control_step"),
+            ("_ZN11fmu_control4fast10plain_step17h0123456789abcdefE", "fast_plain_step"),
+            ("_ZN3pid4step17h0123456789abcdefE.12", "pid_step"),
+            ("<pid::Pid as core::fmt::Debug>::fmt", "Pid_fmt"),
+            ("<pid::Pid as core::fmt::Debug>::fmt", "Pid_fmt_2"),
+            ("values::<impl Instance<dyn Any>>::get::{{closure}}", "values_get_closure"),
+            ("f64::bits", "f64_bits_2"),
+            ("memcpy", "rust_memcpy"),
+            ("", "function"),
+            ("<>::>><", "function_2"),
+        ];
+        for (symbol, identifier) in cases {
+            assert_eq!(identifiers.of_path(&rust_path(symbol)), identifier, "{symbol}");
+        }
+    }
+
+    #[test]
+    fn types_in_brackets_have_only_their_names() {
+        let path = "<alloc::vec::Vec<core::option::Option<u8>> as core::ops::Drop>::drop";
+        assert_eq!(rust_path(path), "<Vec<Option<u8>> as Drop>::drop");
+    }
+}

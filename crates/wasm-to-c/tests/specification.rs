@@ -137,8 +137,8 @@ impl Programs {
         format!("MODEL({})(&model{})", identifier(invoke.name), arguments.collect::<String>())
     }
 
-    /// Compiles all files to one program, and runs it.
-    fn run(&self) {
+    /// Compiles all files to one program, with options of the compiler, and runs it.
+    fn run(&self, options: &[&str]) {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let (mut declarations, mut calls) = (String::new(), String::new());
         for (index, (files, tests)) in self.files.iter().enumerate() {
@@ -157,7 +157,7 @@ impl Programs {
             "{declarations}int main(void) {{\n    int failures = 0;\n{calls}    return failures != 0;\n}}\n"
         );
         fs::write(folder.path().join("main.c"), main).expect("the folder is there");
-        let output = compile(folder.path());
+        let output = compile(folder.path(), options);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let output = Command::new(folder.path().join("main")).output().expect("the program runs");
         assert!(
@@ -170,14 +170,20 @@ impl Programs {
 }
 
 /// Compiles all files of a folder to `main`.
-fn compile(folder: &Path) -> std::process::Output {
+fn compile(folder: &Path, options: &[&str]) -> std::process::Output {
     let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".into());
     let files =
         fs::read_dir(folder).expect("the folder is there").map(|file| file.expect("a file").path());
     let mut files: Vec<_> = files.collect();
     files.sort();
     let mut command = Command::new(compiler);
-    command.args(["-std=c99", "-w", "-o"]).arg(folder.join("main")).args(files).arg("-lm");
+    command
+        .args(["-std=c99", "-w"])
+        .args(options)
+        .arg("-o")
+        .arg(folder.join("main"))
+        .args(files)
+        .arg("-lm");
     command.output().expect("a C compiler is installed")
 }
 
@@ -237,7 +243,7 @@ fn run(version: SpecVersion, names: &[&str]) -> Programs {
         found.push(file.name().to_owned());
     }
     assert_eq!(found.len(), names.len(), "{found:?}");
-    programs.run();
+    programs.run(&[]);
     programs
 }
 
@@ -305,4 +311,80 @@ fn memory_is_that_of_the_specification() {
     ];
     let programs = run(SpecVersion::V2, &names);
     assert_eq!((programs.assertions, programs.refused), (571, BTreeMap::new()));
+}
+
+#[test]
+fn blocks_take_values_and_leave_several() {
+    let script = r#"
+        (module
+          (func (export "swap") (param i32 i32) (result i32)
+            local.get 0
+            local.get 1
+            block (param i32 i32) (result i32 i32)
+              local.set 0
+              local.set 1
+              local.get 0
+              local.get 1
+            end
+            i32.sub)
+          (func (export "factorial") (param i64) (result i64)
+            i64.const 1
+            local.get 0
+            loop (param i64 i64) (result i64)
+              local.tee 0
+              i64.mul
+              local.get 0
+              i64.const 1
+              i64.sub
+              local.tee 0
+              local.get 0
+              i64.const 1
+              i64.gt_u
+              br_if 0
+              drop
+            end)
+          (func (export "choose") (param i32) (result i32)
+            i32.const 10
+            i32.const 20
+            local.get 0
+            if (param i32 i32) (result i32 i32)
+            else
+              i32.const 5
+              i32.add
+            end
+            i32.sub))
+        (assert_return (invoke "swap" (i32.const 7) (i32.const 3)) (i32.const -4))
+        (assert_return (invoke "factorial" (i64.const 10)) (i64.const 3628800))
+        (assert_return (invoke "choose" (i32.const 1)) (i32.const -10))
+        (assert_return (invoke "choose" (i32.const 0)) (i32.const -15))
+    "#;
+    let mut programs = Programs::default();
+    programs.add("blocks", script);
+    assert_eq!((programs.assertions, programs.refused.len()), (4, 0));
+    programs.run(&[]);
+}
+
+#[test]
+fn memory_grows_where_a_definition_makes_room() {
+    let script = r#"
+        (module
+          (memory 1)
+          (func (export "size") (result i32) (memory.size))
+          (func (export "grow") (param i32) (result i32) (memory.grow (local.get 0))))
+        (assert_return (invoke "grow" (i32.const 0)) (i32.const 1))
+        (assert_return (invoke "grow" (i32.const 2)) (i32.const -1))
+        (assert_return (invoke "grow" (i32.const -1)) (i32.const -1))
+        (assert_return (invoke "size") (i32.const 1))
+    "#;
+    let one_more = r#"
+        (assert_return (invoke "grow" (i32.const 1)) (i32.const 1))
+        (assert_return (invoke "grow" (i32.const 1)) (i32.const -1))
+        (assert_return (invoke "size") (i32.const 2))
+    "#;
+    let mut programs = Programs::default();
+    programs.add("fixed", script);
+    programs.run(&[]);
+    let mut programs = Programs::default();
+    programs.add("larger", &format!("{script}{one_more}"));
+    programs.run(&["-DMODEL_MEMORY_SIZE=131072u"]);
 }
