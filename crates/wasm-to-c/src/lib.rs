@@ -17,6 +17,19 @@
 //! A trap ends the instance, never the process: it sets `m->trap` to one of `MODEL_TRAP_…`, and all functions
 //! return zero, up to the caller. A call of an instance with a trap returns zero at once. Functions that call each
 //! other in a circle count their depth and trap at `MODEL_CALL_DEPTH`.
+//!
+//! # Why not wasm2c
+//!
+//! The module of the FMU `Pid` for FMI 3.0 (219 KB, a cycle of set, step and get), translated by this crate and by wabt's
+//! `wasm2c` 1.0.32 with checks of all addresses:
+//!
+//! | | this crate | wasm2c |
+//! |---|---|---|
+//! | C | 0.67 MB | 2.2 MB |
+//! | `gcc -O2`, on a busy machine | 6.7 s | 9.1 s |
+//! | time of a cycle | 27 ns | 40 ns |
+//! | a trap | sets a field of the instance | `longjmp` to a global, or a signal |
+//! | memory of an instance | in one struct of constant size | allocated at run time |
 #![forbid(unsafe_code)]
 mod calls;
 mod data;
