@@ -23,7 +23,7 @@ use crate::binary::probes::{INSTANCES, MISTAKES, OTHERS, Probe};
 use crate::binary::report::lock;
 use crate::binary::task::{Pace, Reply, Task, logged};
 use crate::binary::vocabulary::ONLY_ONCE;
-use crate::binary::{COMPILED, excitation, observed};
+use crate::binary::{excitation, observed};
 use crate::finding::Findings;
 use crate::rule::{RULES, Rule, Severity, rule};
 
@@ -56,6 +56,8 @@ pub const MEMORY: u64 = 4 << 30;
 /// Time that a process has to end after its test.
 const GRACE: Duration = Duration::from_secs(2);
 pub const WORK: &str = "work";
+/// What stands before findings on binaries that were compiled from the sources.
+pub const COMPILED: &str = "compiled sources: ";
 
 /// A finding of a test.
 pub struct ProbeFinding {

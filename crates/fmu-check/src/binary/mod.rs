@@ -27,7 +27,7 @@ use fmu_file::text::quote;
 use fmu_worker::available_memory;
 use tempfile::TempDir;
 
-use crate::binary::checker::{Checker, MEMORY, WORK};
+use crate::binary::checker::{COMPILED, Checker, MEMORY, WORK};
 use crate::binary::task::{FMU, Task};
 use crate::binary::vocabulary::{ONLY_ONCE, claims};
 use crate::finding::{Findings, find};
@@ -37,9 +37,6 @@ pub use worker::run as probe;
 
 /// The sizes of files, and the times of their last changes.
 type Files = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
-
-/// What stands before findings on binaries that were compiled from the sources.
-const COMPILED: &str = "compiled sources: ";
 
 /// Runs the binaries built for this machine or the WebAssembly components, if there are any, until the deadline. `text`
 /// is the model description. `compiled` is the FMU with binaries that were compiled from its sources: they are run if
