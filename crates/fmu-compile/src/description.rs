@@ -78,7 +78,7 @@ impl Language {
     /// Reads the attribute `language`, such as `C99` or `C++11`.
     fn named(text: &str) -> Result<Self, CompileError> {
         let upper = text.trim().to_uppercase();
-        let unknown = || CompileError::Language(text.to_owned());
+        let unknown = || CompileError::Language(format!("the language {}", quote(text)));
         let rest = upper.strip_prefix('C').ok_or_else(unknown)?;
         let (is_cpp, year, years) = match rest.strip_prefix("++").or(rest.strip_prefix("PP")) {
             Some(year) => (true, year, CPP_YEARS),
@@ -100,7 +100,7 @@ impl Language {
             // As compilers do, which know no `.C` on Windows.
             "C" | "cc" | "cpp" | "cxx" | "c++" | "CPP" => true,
             "h" | "hh" | "hpp" | "hxx" | "inc" => return Ok(None),
-            _ => return Err(CompileError::Language(name.to_owned())),
+            _ => return Err(CompileError::Language(format!("the file {}", quote(name)))),
         };
         Ok(Some(Self { is_cpp, year: None }))
     }

@@ -21,7 +21,7 @@ pub enum CompileError {
         /// The platforms that have one.
         described: Vec<String>,
     },
-    /// The sources are in a language that is not compiled.
+    /// The sources are in a language that is not compiled: the language or a file of it, with its name.
     Language(String),
     /// A file that the description names is not in the FMU.
     MissingFile {
@@ -75,11 +75,9 @@ impl Display for CompileError {
                 "sources/buildDescription.xml has no BuildConfiguration for {here}, only for {}",
                 described.join(", ")
             ),
-            Self::Language(name) => write!(
-                f,
-                "its sources are in the language {}, expected C or C++, such as C99 or C++11",
-                quote(name)
-            ),
+            Self::Language(name) => {
+                write!(f, "its sources have {name}, expected C or C++, such as C99 or C++11")
+            }
             Self::MissingFile { kind, path } => {
                 write!(f, "the {kind} {} is missing", quote(path))
             }

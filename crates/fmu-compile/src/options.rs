@@ -79,8 +79,8 @@ pub enum CompilerOption {
 }
 
 /// Options of GCC and Clang that take no value.
-const GNU_WORDS: [&str; 7] =
-    ["-ansi", "-g", "-pedantic", "-pedantic-errors", "-pthread", "-pipe", "-w"];
+const GNU_WORDS: [&str; 9] =
+    ["-ansi", "-c", "-shared", "-g", "-pedantic", "-pedantic-errors", "-pthread", "-pipe", "-w"];
 /// Options of GCC and Clang that need a value behind this part, which is not a file.
 const GNU_PREFIXES: [&str; 17] = [
     "-O",
@@ -316,7 +316,6 @@ mod tests {
             "-L/tmp",
             "-l/tmp/a",
             "-fdiagnostics-add-output=x",
-            "-c",
             "a.c",
             "/etc/passwd",
             "-fauto-profile=x",

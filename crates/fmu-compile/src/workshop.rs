@@ -171,6 +171,8 @@ impl<'a> Workshop<'a> {
                     let is_file = [".a", ".so", ".dylib"].iter().any(|end| name.ends_with(end));
                     command.arg(format!("-l{}{name}", if is_file { ":" } else { "" }));
                 }
+                // The mathematics is in its C library.
+                (NeededLibrary::System(name), CompilerFamily::Msvc) if name == "m" => {}
                 (NeededLibrary::System(name), CompilerFamily::Msvc) => {
                     let end = if name.ends_with(".lib") { "" } else { ".lib" };
                     command.arg(format!("{name}{end}"));

@@ -254,13 +254,13 @@ fn a_function_that_nothing_defines_is_an_error_of_the_linker() {
 fn other_languages_are_refused_by_name() {
     for language in ["Fortran90", "Ada", "Rust", "C#", "C42", "Objective-C"] {
         let error = refused(&set(&format!("language='{language}'"), ""), &[]);
-        assert!(error.contains(&format!("in the language \"{language}\"")), "{error}");
+        assert!(error.contains(&format!("have the language \"{language}\"")), "{error}");
     }
     let error = refused(
         "<SourceFileSet><SourceFile name='b.f90'/></SourceFileSet>",
         &[("sources/b.f90", "")],
     );
-    assert!(error.contains("\"b.f90\""), "{error}");
+    assert!(error.contains("have the file \"b.f90\""), "{error}");
 }
 
 #[test]

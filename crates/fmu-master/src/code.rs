@@ -120,6 +120,9 @@ pub(crate) fn find_binary(
     ensure!(!required, "it has no WebAssembly component, and native binaries were refused");
     let platform = native
         .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
+    if has_sources(archive) {
+        return Ok(None);
+    }
     let other = archive.names.iter().find(|name| {
         let file = Path::new(name).file_stem().unwrap_or_default();
         file.to_str().is_some_and(|file| **name == platform.binary(file))
@@ -129,7 +132,6 @@ pub(crate) fn find_binary(
             "its binary {other} is not named after the model identifier {identifier:?}, expected {}",
             platform.binary(identifier)
         ),
-        None if has_sources(archive) => Ok(None),
         None => bail!("it has no binary for this machine ({})", platform.folder),
     }
 }
