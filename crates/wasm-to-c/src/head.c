@@ -1,10 +1,11 @@
 /* @DESCRIPTION@: the model, translated from WebAssembly to C.
 
-   The model was written in Rust. The Rust compiler optimized it and compiled it to a WebAssembly module, and each function
-   of the module is a function here: its comment is its path in Rust. Names of variables, types and lines are
+   The model was written in Rust. The Rust compiler optimized it and compiled it to a WebAssembly module, and each
+   function of the module is a function here: its comment is its path in Rust. Names of variables, types and lines are
    lost on the way, and many functions of Rust were inlined in others. The state of an instance is in `memory`, at the
-   addresses that the compiler chose, so `F64(a0, 16)` is a field 16 bytes from the beginning of a struct, and `SET_F64(a0, 16, x)` changes it.
-   a0, a1, ... are parameters; n, w, s and x are local variables (u32, u64, f32, f64); t, r and p are values in between.
+   addresses that the compiler chose: `F64(a0, 16)` is a field 16 bytes from the beginning of the struct at the address
+   a0, and `SET_F64(a0, 16, x)` changes it. a0, a1, ... are parameters; n, w, s and x are local variables (u32, u64, f32
+   and f64); t, r and p are values in between.
 
    All addresses are checked. A trap (see model.h) ends the instance: all functions return up to the caller.
    Floating-point numbers are computed as IEEE 754 says it, operation by operation, so that the results are the same
@@ -17,17 +18,19 @@
 #include <string.h>
 
 #if defined __FAST_MATH__ || defined __ASSOCIATIVE_MATH__ || defined __RECIPROCAL_MATH__ || defined __NO_SIGNED_ZEROS__ \
-    || (defined __FINITE_MATH_ONLY__ && __FINITE_MATH_ONLY__ > 0)
-#error "Compile the model without -ffast-math and the options that it implies: its results would have other bits"
+    || (defined __FINITE_MATH_ONLY__ && __FINITE_MATH_ONLY__ > 0) || defined _M_FP_FAST
+#error "Compile the model without -ffast-math (/fp:fast) and the options that it implies: they change the bits of results"
 #endif
-#if defined FLT_EVAL_METHOD && FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 1
+#if (defined FLT_EVAL_METHOD && FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 1) || (defined __TINYC__ && defined __i386__)
 #error "Compile the model for the SSE2 unit (gcc: -msse2 -mfpmath=sse): the x87 unit has other bits"
 #endif
 /* No fused multiplication and addition, which rounds once instead of twice. */
-#if defined __clang__ || !defined __GNUC__
-#pragma STDC FP_CONTRACT OFF
-#else
+#if defined __GNUC__ && !defined __clang__
 #pragma GCC optimize("fp-contract=off")
+#elif defined _MSC_VER && !defined __clang__
+#pragma fp_contract(off)
+#else
+#pragma STDC FP_CONTRACT OFF
 #endif
 
 #include "model.h"

@@ -1,3 +1,5 @@
+/* @DESCRIPTION@: the model, as model.c defines it. */
+
 #ifndef MODEL_H
 #define MODEL_H
 

@@ -46,6 +46,8 @@ impl Identifiers {
         let name = match last.as_slice() {
             [] => "function".to_owned(),
             [name] => format!("rust_{name}"),
+            // A long name says enough, and no function of the C library has it.
+            [.., name] if name.len() >= 10 && name.contains('_') => name.clone(),
             [_, end @ ..] if last.join("_").len() > 24 => end.join("_"),
             _ => last.join("_"),
         };
@@ -127,7 +129,7 @@ mod tests {
         let mut identifiers = Identifiers::new(["f64_bits"].into_iter());
         let cases = [
             ("_RNvCs1234_7control4step", "control_step"),
-            ("_ZN11fmu_control4fast10plain_step17h0123456789abcdefE", "fast_plain_step"),
+            ("_ZN11fmu_control4fast10plain_step17h0123456789abcdefE", "plain_step"),
             ("_ZN3pid4step17h0123456789abcdefE.12", "pid_step"),
             ("<pid::Pid as core::fmt::Debug>::fmt", "Pid_fmt"),
             ("<pid::Pid as core::fmt::Debug>::fmt", "Pid_fmt_2"),
