@@ -9,8 +9,6 @@ use fmu_description::interface::guid_of_copy;
 use fmu_description::{Interface, Naming, StartOverrides};
 
 use crate::any_model::VariantStarts;
-#[cfg(all(target_arch = "wasm32", feature = "sources"))]
-use crate::edge::sources::Needs;
 use crate::fast;
 use crate::instance::{Guid, Identity, Settings};
 use crate::laid_out::LaidOut;
@@ -19,6 +17,8 @@ use crate::model::Model;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use crate::needs::Needs;
 use crate::pointers::Pointer;
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+use crate::source_needs::Needs;
 
 /// A model of a library, before it is instantiated.
 #[derive(Clone, Copy)]

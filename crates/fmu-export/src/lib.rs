@@ -107,6 +107,10 @@ mod resources;
 mod saved;
 mod single_instance;
 mod snapshot;
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+mod source_host;
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+mod source_needs;
 mod step;
 pub mod testing;
 mod values;

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use crate::canonical::{Answer, Text, slice};
 
 #[cfg(all(target_arch = "wasm32", feature = "sources"))]
-pub(crate) use crate::edge::sources::read_resource;
+pub(crate) use crate::source_host::read_resource;
 
 /// The folder of the resources, or why it is not known.
 pub(crate) type Folder = Result<PathBuf, String>;

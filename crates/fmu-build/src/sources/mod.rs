@@ -11,30 +11,20 @@ mod needs;
 mod translation;
 #[cfg(feature = "wasm")]
 mod untranslatable;
-
 #[cfg(not(feature = "wasm"))]
-use std::path::Path;
+mod without_wasm;
 
-#[cfg(not(feature = "wasm"))]
-use anyhow::{Result, bail};
+use anyhow::Result;
 
 use crate::library::NamedFile;
-#[cfg(not(feature = "wasm"))]
-use crate::model::BuiltModel;
 
 #[cfg(feature = "wasm")]
 pub use translation::build;
-
-/// Stands in for the translation in builds without the feature `wasm`.
 #[cfg(not(feature = "wasm"))]
-pub fn build(
-    _: &BuiltModel<'_>,
-    _: u64,
-    _: &Path,
-    _: &dyn Fn(&[String], u64) -> Result<Vec<u8>>,
-) -> Result<Sources> {
-    bail!("this program was built without its feature `wasm`, which --sources needs")
-}
+pub use without_wasm::build;
+
+/// Builds the library of a model with arguments for the compiler and a size of the heap.
+pub type BuildLibrary<'a> = dyn Fn(&[String], u64) -> Result<Vec<u8>> + 'a;
 
 /// The C sources of a model.
 #[derive(Debug)]

@@ -8,7 +8,7 @@ use fmu_description::{FmiVersion, erase_interfaces, read_interfaces};
 
 use super::interface::{self, Interface};
 use super::needs::{needs_function, stack_of_all_functions};
-use super::{Memory, Sources, build_description, untranslatable};
+use super::{BuildLibrary, Memory, Sources, build_description, untranslatable};
 use crate::library::{NamedFile, read};
 use crate::model::BuiltModel;
 
@@ -28,7 +28,7 @@ pub fn build(
     model: &BuiltModel<'_>,
     mut heap: u64,
     scratch: &Path,
-    build: &dyn Fn(&[String], u64) -> Result<Vec<u8>>,
+    build: &BuildLibrary<'_>,
 ) -> Result<Sources> {
     let module = build_every_call(scratch, &|compiler_args| build(compiler_args, heap))?;
     untranslatable::check(&module)?;

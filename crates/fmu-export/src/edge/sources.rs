@@ -14,8 +14,7 @@ use std::cell::RefCell;
 use std::ffi::{CStr, c_char, c_int};
 use std::mem::MaybeUninit;
 use std::panic::PanicHookInfo;
-use std::path::Path;
-use std::ptr::{null, null_mut};
+use std::ptr::null_mut;
 
 use fmu_description::LogCategory;
 use talc::wasm::{WasmArenaTalc, new_wasm_arena_allocator};
@@ -25,93 +24,16 @@ use super::fmi2;
 #[cfg(not(feature = "fmi2"))]
 use super::fmi3::*;
 use crate::entry::Entry;
+use crate::fast::free;
 #[cfg(not(feature = "fmi2"))]
 use crate::fast::instance_at;
-use crate::fast::{HostedInstance, free};
-use crate::laid_out::LaidOut;
-#[cfg(not(feature = "fmi2"))]
-use crate::lifecycle::InstanceType;
 #[cfg(feature = "fmi2")]
 use crate::log::{Log, Sink};
 use crate::log::{silence_panics, text_of_panic};
-use crate::model::Model;
 #[cfg(not(feature = "fmi2"))]
 use crate::pointers::slice;
-use crate::pointers::{Pointer, c_message, c_text};
-use crate::resources::Folder;
-
-/// The functions of the host, which are written in C.
-mod host {
-    use super::*;
-
-    #[link(wasm_import_module = "fmu")]
-    unsafe extern "C" {
-        pub fn log(status: c_int, category: *const c_char, message: *const c_char);
-        /// The size of a resource, by its path and its name in the folder of resources; negative if it cannot be read.
-        /// The path is NULL if the host passed no folder.
-        pub fn resource_size(path: *const c_char, name: *const c_char) -> i32;
-        /// Reads a resource of this size. Returns 0 if all was read.
-        pub fn read_resource(
-            path: *const c_char,
-            name: *const c_char,
-            content: *mut u8,
-            size: usize,
-        ) -> i32;
-        /// Returns whether the host requests an early return, whose time it writes.
-        #[cfg(not(feature = "fmi2"))]
-        pub fn intermediate_update(
-            time: f64,
-            set_requested: c_int,
-            get_allowed: c_int,
-            step_finished: c_int,
-            can_return_early: c_int,
-            return_time: *mut f64,
-        ) -> c_int;
-    }
-}
-
-/// What a model needs of the module that has no other model.
-#[derive(Clone, Copy)]
-pub(crate) struct Needs {
-    /// The name of the model, also if the entry is of a variant.
-    name: &'static str,
-    /// Bytes that an instance allocates.
-    heap: usize,
-    /// Bytes of references and values of all variables in one call.
-    arguments: usize,
-    /// The callback of models that have intermediate updates. Only their modules import it.
-    #[cfg(not(feature = "fmi2"))]
-    intermediate_update: Option<fmi3IntermediateUpdateCallback>,
-}
-
-impl Needs {
-    pub(crate) const fn of<M: Model, const N: usize>() -> Self {
-        /// Messages, texts, other arguments, and what the allocator adds.
-        const SMALL: usize = 8 << 10;
-        /// The instance, its start values, the state before a step, and two states that the host saves.
-        const COPIES: usize = 5;
-        /// What the interface in C uses for short calls without asking for it.
-        const AT_HAND: usize = 128;
-        /// The vectors of a solver.
-        const VECTORS: usize = 16;
-        let info = &LaidOut::<M, N>::INFO;
-        let solved = info.states.len() + info.event_indicators.len();
-        let arguments = AT_HAND + info.end as usize * (size_of::<u32>() + size_of::<f64>());
-        Self {
-            name: M::NAME,
-            arguments,
-            heap: SMALL
-                + arguments
-                + COPIES * size_of::<HostedInstance<LaidOut<M, N>>>()
-                + VECTORS * solved * size_of::<f64>(),
-            #[cfg(not(feature = "fmi2"))]
-            intermediate_update: match InstanceType::HAS_CO_SIMULATION && M::IS_CONTINUOUS {
-                true => Some(intermediate_update),
-                false => None,
-            },
-        }
-    }
-}
+use crate::pointers::{Pointer, c_message};
+use crate::source_host;
 
 /// The place of the model that the exporter asks for; of the first one if there is none with this name.
 pub const fn index(models: &[Entry], name: Option<&str>) -> usize {
@@ -337,7 +259,7 @@ unsafe extern "C" fn fmu_free(instance: Pointer) {
 
 fn send(status: c_int, category: &CStr, message: &CStr) {
     // SAFETY: the host provides this function; the texts outlive the call.
-    unsafe { host::log(status, category.as_ptr(), message.as_ptr()) };
+    unsafe { source_host::log(status, category.as_ptr(), message.as_ptr()) };
 }
 
 /// The callback of FMI 3.0 for messages.
@@ -349,35 +271,7 @@ unsafe extern "C" fn log_message(
     message: fmi3String,
 ) {
     // SAFETY: the caller's promise: zero-terminated texts.
-    unsafe { host::log(status, category, message) };
-}
-
-/// The callback of FMI 3.0 for intermediate updates.
-#[cfg(not(feature = "fmi2"))]
-unsafe extern "C" fn intermediate_update(
-    _environment: fmi3InstanceEnvironment,
-    time: f64,
-    set_requested: fmi3Boolean,
-    get_allowed: fmi3Boolean,
-    step_finished: fmi3Boolean,
-    can_return_early: fmi3Boolean,
-    early_return: *mut fmi3Boolean,
-    return_time: *mut f64,
-) {
-    let [set_requested, get_allowed, step_finished, can_return_early] =
-        [set_requested, get_allowed, step_finished, can_return_early].map(c_int::from);
-    // SAFETY: the host provides this function; the caller's promise: valid pointers.
-    unsafe {
-        let is_requested = host::intermediate_update(
-            time,
-            set_requested,
-            get_allowed,
-            step_finished,
-            can_return_early,
-            return_time,
-        );
-        *early_return = (is_requested != 0).into();
-    }
+    unsafe { source_host::log(status, category, message) };
 }
 
 /// Tells the host of a panic, after which the instance can only be freed.
@@ -387,28 +281,4 @@ fn report_panic(panic: &PanicHookInfo<'_>) {
     let message =
         c_message(&format!("{place}the model panicked; the instance can only be freed: {text}"));
     send(LogCategory::Fatal.status(), LogCategory::Fatal.name(), &message);
-}
-
-/// Reads a resource by the host, which has the files.
-pub(crate) fn read_resource(folder: &Folder, name: &Path) -> Result<String, String> {
-    let text = |path: &Path| path.to_str().map(c_text).ok_or("its name is not UTF-8");
-    let path = folder.as_ref().map(|folder| text(&folder.join(name)));
-    let (path, name) = (path.ok().transpose()?, text(name)?);
-    let path = path.as_ref().map_or(null(), |path| path.as_ptr());
-    // SAFETY: the host provides these functions; the texts and the memory for the content outlive the calls.
-    let bytes = unsafe {
-        let size = usize::try_from(host::resource_size(path, name.as_ptr()));
-        let size = size.map_err(|_| match folder {
-            Ok(folder) => format!("there is no such file in {}", folder.display()),
-            Err(reason) => reason.clone(),
-        })?;
-        let mut bytes = Vec::new();
-        bytes.try_reserve_exact(size).map_err(|_| format!("no memory for its {size} bytes"))?;
-        bytes.resize(size, 0);
-        match host::read_resource(path, name.as_ptr(), bytes.as_mut_ptr(), size) {
-            0 => bytes,
-            _ => return Err("it cannot be read".into()),
-        }
-    };
-    String::from_utf8(bytes).map_err(|error| error.to_string())
 }

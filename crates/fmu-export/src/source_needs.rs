@@ -1,0 +1,55 @@
+//! What a model needs of the C sources that have no other model.
+
+#[cfg(not(feature = "fmi2"))]
+use fmi_abi::fmi3::fmi3IntermediateUpdateCallback;
+
+use crate::fast::HostedInstance;
+use crate::laid_out::LaidOut;
+#[cfg(not(feature = "fmi2"))]
+use crate::lifecycle::InstanceType;
+use crate::model::Model;
+#[cfg(not(feature = "fmi2"))]
+use crate::source_host::call_back;
+
+/// What a model needs of the module that has no other model.
+#[derive(Clone, Copy)]
+pub(crate) struct Needs {
+    /// The name of the model, also if the entry is of a variant.
+    pub(crate) name: &'static str,
+    /// Bytes that an instance allocates.
+    pub(crate) heap: usize,
+    /// Bytes of references and values of all variables in one call.
+    pub(crate) arguments: usize,
+    /// The callback of models that have intermediate updates. Only their modules import it.
+    #[cfg(not(feature = "fmi2"))]
+    pub(crate) intermediate_update: Option<fmi3IntermediateUpdateCallback>,
+}
+
+impl Needs {
+    pub(crate) const fn of<M: Model, const N: usize>() -> Self {
+        /// Messages, texts, other arguments, and what the allocator adds.
+        const SMALL: usize = 8 << 10;
+        /// The instance, its start values, the state before a step, and two states that the host saves.
+        const COPIES: usize = 5;
+        /// What the interface in C uses for short calls without asking for it.
+        const AT_HAND: usize = 128;
+        /// The vectors of a solver.
+        const VECTORS: usize = 16;
+        let info = &LaidOut::<M, N>::INFO;
+        let solved = info.states.len() + info.event_indicators.len();
+        let arguments = AT_HAND + info.end as usize * (size_of::<u32>() + size_of::<f64>());
+        Self {
+            name: M::NAME,
+            arguments,
+            heap: SMALL
+                + arguments
+                + COPIES * size_of::<HostedInstance<LaidOut<M, N>>>()
+                + VECTORS * solved * size_of::<f64>(),
+            #[cfg(not(feature = "fmi2"))]
+            intermediate_update: match InstanceType::HAS_CO_SIMULATION && M::IS_CONTINUOUS {
+                true => Some(call_back),
+                false => None,
+            },
+        }
+    }
+}
