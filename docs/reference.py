@@ -16,8 +16,9 @@ COMMAND_LINE = """# The command line
 
 Made from the help of the program by `docs/reference.py`; `cargo fmu COMMAND --help` prints a
 section. These pages explain the commands: [package](package.md) and [platforms](platforms.md) for
-`export` and `merge`, [changes](changes.md) for `diff`, [simulate](simulate.md) for `simulate` and
-`compare`, [sweeps](sweeps.md), [the validator](validate.md) and [SSP packages](ssp.md).
+`export` and `merge`, [changes](changes.md) for `diff`, [C sources](sources.md) for `build`,
+[simulate](simulate.md) for `simulate` and `compare`, [sweeps](sweeps.md), [the
+validator](validate.md) and [SSP packages](ssp.md).
 """
 
 PARAMETERS = """# Variables of the FMUs
