@@ -1,6 +1,6 @@
 //! Expressions in C: pure, and without any trap, since what may trap was checked by a statement before.
 
-use wasmparser::ValType;
+use wasmparser::{FuncType, ValType};
 
 use crate::data::literal;
 
@@ -43,6 +43,20 @@ pub fn c_type(value_type: ValType) -> &'static str {
         ValType::F64 => "f64",
         _ => unreachable!("references are refused"),
     }
+}
+
+/// The head of a function in C.
+pub fn signature(name: &str, needs_model: bool, function_type: &FuncType) -> String {
+    let result = function_type.results().first().map_or("void", |&result| c_type(result));
+    let parameters = function_type.params().iter().enumerate();
+    let mut parameters: Vec<String> =
+        parameters.map(|(i, &parameter)| format!("{} a{i}", c_type(parameter))).collect();
+    if needs_model {
+        parameters.insert(0, "Model *m".into());
+    } else if parameters.is_empty() {
+        parameters.push("void".into());
+    }
+    format!("{result} {name}({})", parameters.join(", "))
 }
 
 fn signed_type(value_type: ValType) -> &'static str {

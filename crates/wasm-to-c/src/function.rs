@@ -6,7 +6,7 @@ use wasmparser::{BlockType, FuncType, Operator, ValType};
 
 use crate::Error;
 use crate::calls::Calls;
-use crate::expression::{Expression, Level, c_type};
+use crate::expression::{Expression, Level, c_type, signature};
 use crate::facts::Facts;
 use crate::locals::Locals;
 use crate::memory::{Access, access};
@@ -14,7 +14,6 @@ use crate::module::{Module, number};
 use crate::names::{mentions, sanitized};
 use crate::numeric;
 use crate::simplify::simplify;
-use crate::source::signature;
 use crate::statement::{Condition, Statement, Writer};
 
 /// A block, a loop, an `if` or the body of the function, while it is translated.

@@ -8,7 +8,7 @@ use wasmparser::{FuncType, ValType};
 use crate::Error;
 use crate::calls::Calls;
 use crate::data::{literal, rows, string};
-use crate::expression::c_type;
+use crate::expression::signature;
 use crate::function::Function;
 use crate::module::Module;
 use crate::names::{Identifiers, mentions, rust_path, sanitized};
@@ -128,20 +128,6 @@ pub fn translate(module: &[u8], options: &Options) -> Result<CSource, Error> {
             .map(|(_, import)| (import.module.to_owned(), import.name.to_owned()))
             .collect(),
     })
-}
-
-/// The head of a function in C.
-pub fn signature(name: &str, needs_model: bool, function_type: &FuncType) -> String {
-    let result = function_type.results().first().map_or("void", |&result| c_type(result));
-    let parameters = function_type.params().iter().enumerate();
-    let mut parameters: Vec<String> =
-        parameters.map(|(i, &parameter)| format!("{} a{i}", c_type(parameter))).collect();
-    if needs_model {
-        parameters.insert(0, "Model *m".into());
-    } else if parameters.is_empty() {
-        parameters.push("void".into());
-    }
-    format!("{result} {name}({})", parameters.join(", "))
 }
 
 fn header_type(value_type: ValType) -> &'static str {
