@@ -28,8 +28,13 @@ RUST := --workspace --exclude fmi-judge --exclude fuzz --exclude bench
 # The command line, with the features that it has in the tests, so that it is built once.
 FMU := target/debug/cargo-fmu
 
-# $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
-apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
+# What compiles C sources in the tests, for this machine and others, and runs them.
+COMPILERS := clang tcc cmake i686-linux-gnu-gcc arm-linux-gnueabihf-gcc s390x-linux-gnu-gcc qemu-arm
+COMPILER_PACKAGES := clang tcc cmake qemu-user gcc-i686-linux-gnu libc6-dev-i386-cross \
+	gcc-arm-linux-gnueabihf libc6-dev-armhf-cross gcc-s390x-linux-gnu libc6-dev-s390x-cross
+
+# $(call apt,PROGRAMS,PACKAGES): install Debian packages unless the programs are there
+apt = which $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
 # Installs the compiler's target for WebAssembly unless it is there.
 WITH_WASM = test -d "$$(rustc --print target-libdir --target wasm32-unknown-unknown)" \
@@ -148,6 +153,7 @@ optional: fmus module page $(VENV)/.test
 # system: install what optional tests need: system packages with apt-get, as root, and Node to target/venv
 system: $(VENV)/.node
 	$(call apt,chromium,chromium)
+	$(call apt,$(COMPILERS),$(COMPILER_PACKAGES))
 	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
 	$(call apt,arm-none-eabi-gcc,gcc-arm-none-eabi libnewlib-arm-none-eabi)
 	$(call apt,qemu-system-arm,qemu-system-arm)
@@ -175,10 +181,11 @@ valgrind: fmus $(VENV)/.test
 conformance: fmus $(VENV)/.test
 	ALL_DEFECTS=1 $(RUN) -m pytest --numprocesses auto tests/test_conformance.py
 
-# elsewhere: run the binaries for other platforms under Wine and qemu, installed with apt-get
+# elsewhere: run the binaries for other platforms under Wine and qemu, and C sources by more compilers
 elsewhere: fmus cross $(VENV)/.test
 	$(call apt,wine,wine wine64)
 	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
+	$(call apt,clang,clang)
 	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
 # importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md

@@ -101,6 +101,18 @@ def sources(export: Callable[..., Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
+def built(sources: Path, once: Callable[..., Path]) -> Path:
+    """Compile the C sources with the program; return the folder of the FMUs with the binaries."""
+
+    def write(folder: Path) -> None:
+        for file in sources.glob("*.fmu"):
+            command = [PROGRAM, "build", file, "--out", folder / file.name]
+            subprocess.run(command, check=True)
+
+    return once("built", write)
+
+
+@pytest.fixture(scope="session")
 def components(export: Callable[..., Path]) -> Path:
     """Export the FMUs with WebAssembly components; return their folder."""
     return export(ROOT / "target" / "wasm", "--fmi", "3.0", "--target", "wasm")

@@ -62,6 +62,13 @@ MICROCONTROLLER = _program(
 VALGRIND = _program("valgrind", "make valgrind")
 WINE = _program("wine", "make elsewhere", "Wine")
 MINGW = _program("x86_64-w64-mingw32-gcc", "make elsewhere", "MinGW")
+CMAKE = _program("cmake", "make system")
+CLANG = _program("clang", "make system")
+GCC = _program("gcc", "make system")
+TCC = _program("tcc", "make system")
+I686 = _program("i686-linux-gnu-gcc", "make system", "gcc for 32-bit x86")
+ARM32 = _program("arm-linux-gnueabihf-gcc", "make system", "gcc for 32-bit ARM", "qemu-arm")
+S390X = _program("s390x-linux-gnu-gcc", "make system", "gcc for s390x", "qemu-s390x")
 QEMU = _program("qemu-aarch64", "make elsewhere", "qemu")
 LIEF = Tool("lief", "make elsewhere", lambda: find_spec("lief") is not None)
 

@@ -16,10 +16,10 @@ import fmpy
 import pytest
 
 import native
+from machines import CROSS
 from native import run
 from needs import LIEF
 from pendulum_fmus.project import PROGRAM, ROOT
-from test_hosts import CROSS
 from test_package import FMI2_FUNCTIONS, FMI3_FUNCTIONS, MODELS
 
 ARM = CROSS / "aarch64"

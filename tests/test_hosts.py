@@ -1,184 +1,90 @@
 """C hosts run the FMUs natively, under valgrind without findings, and on other platforms.
 
-Tests under valgrind and on other platforms only run with `pytest -m valgrind` or
+The FMUs are binaries, or C sources that other compilers compile for other processors. Tests under
+valgrind and of binaries for other platforms only run with `pytest -m valgrind` or
 `pytest -m elsewhere`.
 """
 
 import functools
 import shutil
-import subprocess
-import sys
-import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from math import prod
-from pathlib import Path, PureWindowsPath
-from typing import NamedTuple
+from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 from fmpy.model_description import ModelVariable
 
-import needs
-from native import SECONDS, SOURCES, new_package, shell
-from pendulum_fmus import loop
-from pendulum_fmus.loop import TS
-from pendulum_fmus.master import Component, FmpySystem, simulate
-from pendulum_fmus.project import FMUS, PROGRAM, ROOT
-
-CROSS = FMUS.parent / "cross"
-"""Folder to which `make cross` writes FMUs for other platforms."""
-
-# Results are compared bit by bit, so the compiler must not fuse multiplications and additions.
-OPTIONS = """-std=c99 -D_POSIX_C_SOURCE=200809L -Wall -Wextra -Werror -g
--ffp-contract=off""".split()
-OPTIONS.append(f"-I{Path(fmpy.__file__).parent / 'c-code'}")
-
-
-# --- machines -------------------------------------------------------------------------------------
-
-
-class Fmu(NamedTuple):
-    """An unpacked FMU binary and its model description."""
-
-    binary: Path
-    guid: str
-    variables: dict[str, ModelVariable]
-
-
-@dataclass(frozen=True)
-class Machine:
-    """A machine: how to compile programs for it and run them on it."""
-
-    name: str
-    tools: tuple[needs.Tool, ...] = ()
-    compiler: tuple[str, ...] = ("cc",)
-    emulator: tuple[str, ...] = ()
-    libraries: tuple[str, ...] = ("-ldl", "-lm")
-    fmus: Path = FMUS
-    platforms: tuple[str, str] = ("linux64", "x86_64-linux")
-    """Folders of its binaries in these FMUs, in FMI 2.0 and 3.0."""
-    target: str | None = None
-    """Its name for `cargo fmu export`; by default this machine."""
-
-    def compile(self, name: str, folder: Path) -> Path:
-        """Compile one of the hosts, such as `loop`, or `host3` for FMI 3.0."""
-        program, version = folder / f"{name}.exe", name[-1:]
-        options = [*OPTIONS, f"-DFMI={version}"] if version.isdigit() else OPTIONS
-        source = SOURCES / f"{name.rstrip('23')}.c"
-        command = [*self.compiler, *options, "-o", program, source, *self.libraries]
-        subprocess.run(command, check=True)
-        return program
-
-    def run(self, program: Path, *arguments: str) -> str:
-        """Run a program that must succeed without warnings; return its output."""
-        done = _call(*self.emulator, program, *arguments)
-        assert (done.returncode, done.stderr) == (0, ""), done.stderr
-        return done.stdout
-
-    def unpack(self, model: str, folder: Path, fmus: Path | None = None) -> Fmu:
-        """Unpack an FMU, by default an exported one, with its binary for the machine."""
-        file = (fmus or self.fmus) / f"{model}.fmu"
-        if not file.exists():
-            pytest.fail(f"{file} is missing: `make cross` exports it", pytrace=False)
-        description = fmpy.read_model_description(file)
-        platform = self.platforms[description.fmiVersion == "3.0"]
-        extension = "dll" if "win" in platform else "so"
-        name = f"binaries/{platform}/{description.coSimulation.modelIdentifier}.{extension}"
-        with zipfile.ZipFile(file) as package:
-            binary = Path(package.extract(name, folder / model))
-        return Fmu(binary, description.guid, {v.name: v for v in description.modelVariables})
-
-    def path(self, file: Path) -> str:
-        """Return the path of a file as its programs see it: Wine has all files on drive Z."""
-        return str(PureWindowsPath(f"Z:{file}")) if self is WINDOWS else str(file)
-
-
-def _call(*command: str | Path) -> subprocess.CompletedProcess[str]:
-    options = {"stdin": subprocess.DEVNULL, "capture_output": True, "text": True}
-    return subprocess.run(command, timeout=SECONDS, **options)
-
-
-NATIVE = Machine("native")
-
-VALGRIND = Machine(
-    "valgrind",
-    (needs.VALGRIND,),
-    emulator=(
-        "valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full",
-        "--errors-for-leak-kinds=definite,indirect",
-    ),
-)  # fmt: skip
-
-# Wine 8.0 lacks bcryptprimitives.dll, which seeds Rust's HashMap; the FMUs do not use one.
-WINDOWS = Machine(
-    "windows",
-    (needs.MINGW, needs.WINE),
-    compiler=("x86_64-w64-mingw32-gcc",),
-    emulator=("wine",),
-    libraries=(),
-    fmus=CROSS,
-    platforms=("win64", "x86_64-windows"),
-    target="x86_64-pc-windows-gnu",
-)
-
-ARM = Machine(
-    "arm",
-    (needs.QEMU,),
-    compiler=(sys.executable, "-m", "ziglang", "cc", "-target", "aarch64-linux-gnu.2.17"),
-    emulator=("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"),
-    fmus=CROSS / "aarch64",
-    platforms=("linux64", "aarch64-linux"),
-    target="aarch64-unknown-linux-gnu.2.17",
-)
-
-MACHINES = [
+from loops import MODELS, Components, described_loop, letter, run_loop, stems
+from machines import (
+    ARM,
+    IN_C,
+    IN_C_ELSEWHERE,
+    IN_C_OPTIONAL,
+    IN_C_VALGRIND,
     NATIVE,
-    pytest.param(VALGRIND, marks=pytest.mark.valgrind),
-    pytest.param(WINDOWS, marks=pytest.mark.elsewhere),
-    pytest.param(ARM, marks=pytest.mark.elsewhere),
-]
+    VALGRIND,
+    WINDOWS,
+    Fmu,
+    Machine,
+    SourceMachine,
+)
+from native import new_package, shell
+from pendulum_fmus import table1
+from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import simulate
+from pendulum_fmus.project import PROGRAM, ROOT
+
+MARKS = {
+    NATIVE: [],
+    VALGRIND: [pytest.mark.valgrind],
+    WINDOWS: [pytest.mark.elsewhere],
+    ARM: [pytest.mark.elsewhere],
+    **{machine: [] for machine in IN_C},
+    **{machine: [machine.tools[0].mark] for machine in IN_C_OPTIONAL},
+    IN_C_VALGRIND: [pytest.mark.valgrind],
+    **{machine: [pytest.mark.elsewhere] for machine in IN_C_ELSEWHERE},
+}
+"""All machines, with the marks of their tests."""
+
+C_SOURCES = [machine for machine in MARKS if isinstance(machine, SourceMachine)]
+
+BINARIES = [machine for machine in MARKS if machine not in C_SOURCES]
 
 
-@contextmanager
-def wine(folder: Path) -> Iterator[None]:
-    """Create a separate Wine prefix, and stop its processes at the end."""
-    with pytest.MonkeyPatch.context() as environment:
-        for name, value in {
-            "WINEPREFIX": str(folder / "wine"),
-            "WINEARCH": "win64",
-            "WINEDEBUG": "-all",
-            "WINEDLLOVERRIDES": "mscoree,mshtml,winemenubuilder.exe=",  # nothing to install
-            "DISPLAY": "",
-        }.items():
-            environment.setenv(name, value)
-        try:
-            _call("wine", "wineboot", "--init").check_returncode()
-            yield
-        finally:
-            _call("wineserver", "--kill")  # fails if it has already exited
+def on(machines: Sequence[Machine], names: str, *rows: tuple) -> pytest.MarkDecorator:
+    """Run a test on machines with each of the rows whose last field is a version that they test."""
+    params = [
+        pytest.param(machine, *row, marks=MARKS[machine], id=f"{machine.name}-{row[0]}")
+        for machine in machines for row in rows if row[-1] in machine.versions
+    ]  # fmt: skip
+    return pytest.mark.parametrize(f"machine, {names}", params, indirect=["machine"])
 
 
-@pytest.fixture(scope="module", params=MACHINES, ids=lambda machine: machine.name)
-def machine(request, fmus, tmp_path_factory) -> Iterator[Machine]:
-    """Return each of the machines, started."""
-    machine = request.param
-    for tool in machine.tools:
-        tool.require()
-    if machine is not WINDOWS:
-        yield machine
-        return
-    with wine(tmp_path_factory.mktemp("wine")):
-        yield machine
+Host = Callable[..., tuple[Path, list[Fmu]]]
+"""Compiles a host, such as `loop2` for FMI 2.0, for some FMUs."""
 
 
 @pytest.fixture(scope="module")
-def program(machine, tmp_path_factory) -> Callable[[str], Path]:
-    """Return a function that compiles a host for the machine once."""
+def machine(request, fmus, tmp_path_factory) -> Iterator[Machine]:
+    """Return a machine, started."""
+    with request.param.started(tmp_path_factory.mktemp("machine")):
+        yield request.param
+
+
+@pytest.fixture(scope="module")
+def host(machine, request, tmp_path_factory) -> Host:
+    """Return a function that compiles a host for FMUs, by default the exported ones, once."""
+    if isinstance(machine, SourceMachine):
+        request.getfixturevalue("sources")
     folder = tmp_path_factory.mktemp("hosts")
-    return functools.cache(lambda name: machine.compile(name, folder))
+
+    def prepare(name: str, *models: str, fmus: Path | None = None) -> tuple[Path, list[Fmu]]:
+        files = [(fmus or machine.fmus) / f"{model}.fmu" for model in models]
+        return machine.host(name, files, folder)
+
+    return prepare
 
 
 # --- correct and incorrect use of every FMU -----------------------------------------------------
@@ -190,21 +96,12 @@ SCENARIOS = [
 
 RUNS = [
     # One model per binary, since the models of a binary share this code.
-    ("Pendulum", "host2", ["exchange"]),
-    ("PidRbf", "host2", ["exchange"]),
-    ("Source", "host2", []),
-    ("Pendulum_fmi3", "host3", ["events", "exchange", "derivatives"]),
-    ("PidRbf_fmi3", "host3", ["events", "exchange", "sizes"]),
+    ("Pendulum", ["exchange"], "2"),
+    ("PidRbf", ["exchange"], "2"),
+    ("Source", [], "2"),
+    ("Pendulum_fmi3", ["events", "exchange", "derivatives"], "3"),
+    ("PidRbf_fmi3", ["events", "exchange", "sizes"], "3"),
 ]
-
-LETTERS = {
-    "Real": "r", "Float64": "r", "Boolean": "b", "UInt64": "n", "String": "t", "Binary": "y",
-}  # fmt: skip
-
-
-def letter(variable: ModelVariable) -> str:
-    """Return the letter of a type."""
-    return LETTERS.get(variable.type, "i")
 
 
 def described(model: Fmu, variable: ModelVariable) -> str:
@@ -230,38 +127,51 @@ def described(model: Fmu, variable: ModelVariable) -> str:
     return f"{text}={other(variable.start)!r}"
 
 
-def run_scenarios(machine: Machine, host: Path, fmu: Fmu, scenarios: list[str]) -> None:
+def run_scenarios(machine: Machine, program: Path, fmu: Fmu, scenarios: Sequence[str]) -> None:
     """Run a host, which must print nothing."""
     variables = [described(fmu, variable) for variable in fmu.variables.values()]
     for scenario in scenarios:
-        arguments = [machine.path(fmu.binary), fmu.guid, scenario, *variables]
-        assert machine.run(host, *arguments) == "", scenario
+        assert machine.run(program, fmu.library, fmu.guid, scenario, *variables) == "", scenario
 
 
-@pytest.mark.parametrize(("model", "host", "more"), RUNS, ids=[model for model, *_ in RUNS])
-def test_a_host_runs_every_scenario(machine, program, model, host, more, tmp_path):
-    run_scenarios(machine, program(host), machine.unpack(model, tmp_path), SCENARIOS + more)
+@on(MARKS, "model, more, version", *RUNS)
+def test_a_host_runs_every_scenario(machine, host, model, more, version):
+    program, (fmu,) = host(f"host{version}", model)
+    # A step that takes too long is one that an emulator takes minutes for.
+    left_out = {"trouble"} if machine in C_SOURCES and machine.emulator else set()
+    run_scenarios(machine, program, fmu, [s for s in SCENARIOS + more if s not in left_out])
 
 
-def test_a_panic_only_affects_its_instance(machine, program, tmp_path):
-    package = new_package("panicking", tmp_path)
-    shutil.copy(ROOT / "tests" / "data" / "panicking.rs", package / "src" / "lib.rs")
-    option = f"--target {machine.target}" if machine.target else ""
-    export = f"{PROGRAM} export Panicking {option} --out {tmp_path}"
-    shell(f"{export} 2>&1 | grep 'data (a Binary), copy (a Binary); expected --fmi 3.0'", package)
-    shell(f"{export} --fmi 2.0,3.0 --omit-unsupported", package)
-    for file, host, step in (
-        ("Panicking", "host2", "fmi2DoStep"),
-        ("Panicking_fmi3", "host3", "fmi3DoStep"),
-    ):
-        fmu = machine.unpack(file, tmp_path, tmp_path)
-        u, y = (fmu.variables[name].valueReference for name in ("u", "y"))
-        arguments = [machine.path(fmu.binary), fmu.guid, "panic", f"r{u}=-1", f"r{y}"]
-        line, *refused = machine.run(program(host), *arguments).splitlines()
-        assert line.startswith(f"[logStatusFatal] {step}: ")
-        assert line.endswith("panicked; the instance can only be freed: u is -1.0")
-        assert all(" is not allowed in the state " in line for line in refused)
-    run_scenarios(machine, program("host3"), fmu, ["values", "fmu_state", "damaged_bytes"])
+@on([*BINARIES, IN_C[1]], "model, version", ("Panicking", "2"), ("Panicking_fmi3", "3"))
+def test_a_panic_only_affects_its_instance(machine, host, panicking, model, version):
+    program, (fmu,) = host(f"host{version}", model, fmus=panicking(machine))
+    u, y = (fmu.variables[name].valueReference for name in ("u", "y"))
+    arguments = [fmu.library, fmu.guid, "panic", f"r{u}=-1", f"r{y}"]
+    line, *refused = machine.run(program, *arguments).splitlines()
+    assert line.startswith(f"[logStatusFatal] fmi{version}DoStep: ")
+    assert line.endswith("panicked; the instance can only be freed: u is -1.0")
+    assert all(" is not allowed in the state " in line for line in refused)
+    if version == "3":
+        run_scenarios(machine, program, fmu, ["values", "fmu_state", "damaged_bytes"])
+
+
+@pytest.fixture(scope="session")
+def panicking(once) -> Callable[[Machine], Path]:
+    """Return a function that exports a model that panics, and returns the folder of its FMUs."""
+
+    def export(machine: Machine, folder: Path) -> None:
+        package = new_package("panicking", folder)
+        shutil.copy(ROOT / "tests" / "data" / "panicking.rs", package / "src" / "lib.rs")
+        command = f"{PROGRAM} export Panicking {machine.export_options} --out {folder}"
+        refusal = "data (a Binary), copy (a Binary); expected --fmi 3.0"
+        shell(f"{command} 2>&1 | grep '{refusal}'", package)
+        shell(f"{command} --fmi 2.0,3.0 --omit-unsupported", package)
+
+    def exported(machine: Machine) -> Path:
+        name = f"panicking {machine.export_options}".rstrip()
+        return once(name, functools.partial(export, machine))
+
+    return exported
 
 
 # --- closed loops -------------------------------------------------------------------------------
@@ -283,45 +193,48 @@ STEPS = 6000
 
 
 @functools.cache
-def simulated(controller: str, fmus: Path) -> tuple[list[tuple[str, list[str]]], dict]:
-    """Simulate a closed loop with FMPy; return the arguments of each model, and the results."""
-    with loop.Loop(controller, **LOOPS[controller]).system(fmus) as system:
+def simulated(controller: str, fmus: Path) -> tuple[Components, dict]:
+    """Simulate a closed loop with FMPy; return it, and the results."""
+    loop = Loop(controller, **LOOPS[controller])
+    with loop.system(fmus) as system:
         results = simulate(system, start=TS, step=TS, steps=STEPS)
-        del results["time"]
-        components = [(c.path.stem, words(system, c)) for c in system.components.values()]
-    return components, results
+    del results["time"]
+    return described_loop(loop, fmus), results
 
 
-def words(system: FmpySystem, component: Component) -> list[str]:
-    """Return kind, parameters, links and outputs of a simulated component."""
-    names = list(system.components)
-    fmu = component.fmu
-    getters = {"r": fmu.getReal, "i": fmu.getInteger, "b": fmu.getBoolean}
-    parameters = [
-        f"{letter(v)}{v.valueReference}={float(value)!r}"
-        for v in component.variables.values() if v.causality == "parameter"
-        for value in getters[letter(v)]([v.valueReference])
-    ]  # fmt: skip
-    links = []
-    for pair in system.connections:
-        (source, output), (fed, input_) = map(system.locate, pair)
-        if fed is component:
-            of, to = source.variable(output), fed.variable(input_)
-            links.append(f"r{to.valueReference}<{names.index(source.name)}.{of.valueReference}")
-    outputs = [f"r{component.variable(name).valueReference}" for name in component.outputs()]
-    kind = "sampled" if component.sampled else "continuous"
-    return [kind, *parameters, *links, *outputs]
-
-
-@pytest.mark.parametrize("controller", LOOPS)
-def test_a_host_gives_the_bits_of_the_python_master(machine, program, controller, fmus, tmp_path):
+@on([*BINARIES, IN_C[0]], "controller, version", *((controller, "2") for controller in LOOPS))
+def test_a_host_gives_the_bits_of_the_python_master(
+    machine, host, controller, version, fmus, tmp_path
+):
     components, results = simulated(controller, fmus)
-    file = tmp_path / "results"
-    arguments = [machine.path(file), str(STEPS)]
-    for number, (model, description) in enumerate(components):
-        fmu = machine.unpack(model, tmp_path / str(number))
-        arguments += [machine.path(fmu.binary), fmu.guid, *description, "."]
-    assert machine.run(program("loop"), *arguments) == ""
-    rows = np.fromfile(file).reshape(STEPS, len(results))
+    data = run_loop(
+        machine, *host(f"loop{version}", *MODELS), components, STEPS, tmp_path / "results"
+    )
+    rows = np.frombuffer(data).reshape(STEPS, len(results))
     for column, (name, expected) in zip(rows.T, results.items(), strict=True):
         assert column.tobytes() == expected.tobytes(), name
+
+
+@functools.cache
+def table_1_of_the_binaries(version: str, fmus: Path, folder: Path) -> list[tuple]:
+    """Run the loops of Table 1 with the binaries; return each, its components, and the results."""
+    files = [fmus / f"{name}.fmu" for name in stems(version)]
+    program, binaries = NATIVE.host(f"loop{version}", files, folder)
+    runs = []
+    for loop in sorted(table1.runs(), key=repr):
+        components = described_loop(replace(loop, fmi3=("all",) * (version == "3")), fmus)
+        results = run_loop(NATIVE, program, binaries, components, loop.steps, folder / "results")
+        runs.append((loop, components, results))
+    return runs
+
+
+@on(C_SOURCES, "version", ("2",), ("3",))
+def test_c_sources_give_the_bits_of_the_binaries_in_all_loops_of_table_1(
+    machine, host, version, fmus, tmp_path_factory, tmp_path
+):
+    folder = tmp_path_factory.getbasetemp() / f"binaries{version}"
+    folder.mkdir(exist_ok=True)
+    compiled = host(f"loop{version}", *stems(version))
+    for loop, components, expected in table_1_of_the_binaries(version, fmus, folder):
+        found = run_loop(machine, *compiled, components, loop.steps, tmp_path / "results")
+        assert found == expected, loop

@@ -358,6 +358,48 @@ static void exchange(void)
     FreeInstance(c);
 }
 
+#ifdef COUNT_ALLOCATIONS
+
+/* What the FMU calls instead of malloc, calloc and realloc. */
+void *counted_malloc(size_t size);
+void *counted_calloc(size_t n, size_t size);
+void *counted_realloc(void *memory, size_t size);
+
+static unsigned allocations;
+
+void *counted_malloc(size_t size)
+{
+    ++allocations;
+    return malloc(size);
+}
+
+void *counted_calloc(size_t n, size_t size)
+{
+    ++allocations;
+    return calloc(n, size);
+}
+
+void *counted_realloc(void *memory, size_t size)
+{
+    ++allocations;
+    return realloc(memory, size);
+}
+
+static void one_allocation(void)
+{
+    Component c = made(1);
+    CHECK(allocations == 1);
+    set_all(c);
+    initialize(c, 0.0);
+    steps(c, 0, 100);
+    get_all(c);
+    EXPECT(OK, Reset(c));
+    CHECK(allocations == 1);
+    FreeInstance(c);
+}
+
+#endif
+
 #if FMI == 2
 #include "host2.h"
 #else
@@ -380,6 +422,9 @@ static const struct {
     {"trouble", trouble},
     {"panic", panic},
     {"exchange", exchange},
+#ifdef COUNT_ALLOCATIONS
+    {"one_allocation", one_allocation},
+#endif
 #if FMI == 3
     {"events", events},
     {"derivatives", derivatives},
