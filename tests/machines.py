@@ -261,7 +261,7 @@ def _sources(
     )
 
 
-FMI_2 = ("2",)
+FMI_2, FMI_3 = ("2",), ("3",)
 
 # The lower levels of optimization compile in a fraction of the time. On ARM, the higher ones fuse
 # multiplications and additions unless the sources prevent it.
@@ -292,11 +292,12 @@ IN_C_OPTIONAL = [
         emulator="qemu-s390x",
         byte_order=">",
     ),
-    _sources("sanitizers", f"cc -O0 {SANITIZE}", needs.CLANG),
+    # GCC's, here because they take long; an installation without Clang may lack their libraries, too.
+    _sources("sanitizers", f"cc -O0 {SANITIZE}", needs.CLANG, versions=FMI_3),
 ]
 
 IN_C_VALGRIND = _sources(
-    "valgrind", "cc -O0 -g", needs.VALGRIND, emulator=" ".join(MEMORY_CHECK), versions=FMI_2
+    "valgrind", "cc -O1 -g", needs.VALGRIND, emulator=" ".join(MEMORY_CHECK), versions=FMI_2
 )
 
 IN_C_ELSEWHERE = [

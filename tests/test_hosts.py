@@ -236,5 +236,8 @@ def test_c_sources_give_the_bits_of_the_binaries_in_all_loops_of_table_1(
     folder.mkdir(exist_ok=True)
     compiled = host(f"loop{version}", *stems(version))
     for loop, components, expected in table_1_of_the_binaries(version, fmus, folder):
+        # The last row of the table has all controllers; an emulator takes seconds for each loop.
+        if machine.emulator and (loop.signal, loop.disturbance) != ("square", 1.0):
+            continue
         found = run_loop(machine, *compiled, components, loop.steps, tmp_path / "results")
         assert found == expected, loop
