@@ -292,7 +292,7 @@ IN_C_OPTIONAL = [
         emulator="qemu-s390x",
         byte_order=">",
     ),
-    # GCC's, here because they take long; an installation without Clang may lack their libraries, too.
+    # GCC's, which take long; like Clang, their libraries may be missing.
     _sources("sanitizers", f"cc -O0 {SANITIZE}", needs.CLANG, versions=FMI_3),
 ]
 
