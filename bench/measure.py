@@ -10,6 +10,7 @@ import sys
 import sysconfig
 import time
 import tomllib
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -70,8 +71,14 @@ BASELINE = [
 ]
 """The networks without the vectors that are chosen at run time."""
 
-VERSIONS = [*list(MODELS.values())[:4], ALL_OUTPUTS]
+LINEAR = list(MODELS.values())[:4]
+"""The controllers and the linear plant."""
+
+VERSIONS = [*LINEAR, ALL_OUTPUTS]
 """The cases that are compared with FMI 3.0."""
+
+COMPILERS = {"cc": os.environ.get("CC", "cc"), "clang": "clang"}
+"""The C compilers by their names on the page; those that are installed compile the FMUs in C."""
 
 STANDING = {"r": 1.0, "y": 0.99, "d": 0.0, "u_supervisor": 10.0, "u": 1e-4}
 """Constant inputs. The force is so small that the plant stays upright."""
@@ -87,6 +94,15 @@ def in_fmi3(case: Case) -> Case:
     outputs = dict.fromkeys(name.partition("[")[0] for name in case.outputs)
     name, model = f"{case.name}, FMI 3.0", f"{case.model}_fmi3"
     return replace(case, name=name, model=model, outputs=list(outputs))
+
+
+IN_C = [version for case in LINEAR for version in (case, in_fmi3(case))]
+"""The cases whose FMUs are compiled from their C sources, too."""
+
+
+def compiled(case: Case, compiler: str) -> Case:
+    """Return a case with the FMU that a compiler makes of the C sources."""
+    return replace(case, name=f"{case.name}, {compiler}", model=f"{case.model}_{compiler}")
 
 
 # --- the C host ---------------------------------------------------------------------------
@@ -116,6 +132,20 @@ class Host:
         for index, case in enumerate(cases):
             words += ["--"] * (index > 0) + self._words(case)
         return words
+
+    def compile(self, case: Case, to: Case, compiler: str, level: str) -> tuple[int, float]:
+        """Compile the C sources of a case's FMU to the FMU of another case.
+
+        Return the size of the sources and the seconds that it takes.
+        """
+        fmu, out = SOURCES / f"{case.model}.fmu", self.folder / f"{to.model}.fmu"
+        begin = time.perf_counter()
+        options = {"CC": compiler, "CFLAGS": level}
+        run([PROGRAM, "build", fmu, "--force", "--out", out], options)
+        seconds = time.perf_counter() - begin
+        with zipfile.ZipFile(fmu) as archive:
+            files = [entry for entry in archive.infolist() if entry.filename.endswith((".c", ".h"))]
+        return sum(file.file_size for file in files), seconds
 
     def _words(self, case: Case) -> list[str]:
         """Return the arguments that describe a case."""
@@ -178,6 +208,7 @@ COUPLED = BENCH / "coupled.toml"
 PACKAGE = ROOT / "crates" / "fmu-python" / "python" / "fmu_master"
 LIBRARY = {"darwin": "lib_native.dylib"}.get(sys.platform, "lib_native.so")
 WASM = ROOT / "target" / "wasm"
+SOURCES = ROOT / "target" / "sources"
 CORES = os.cpu_count() or 1
 
 MASTERS = {
@@ -228,6 +259,8 @@ class Bench:
         self.rounds = 2 if quick else 10
         """Rounds of whole runs and sweeps; the C host has more."""
         self.bytes: dict[str, float] = {}
+        self.in_c: dict[str, dict[str, float]] = {}
+        """Of each FMU's C sources: their size, the seconds to build them, an instance's size."""
         self.packages = folder / "packages"
         """The Python module with the fast native part."""
         shutil.copytree(
@@ -256,6 +289,7 @@ class Bench:
             "costs": costs,
             "counts": self.counts(),
             "bytes": self.bytes,
+            "in_c": self.in_c,
             "compile": {} if self.quick else compile_times(self.folder / "cold"),
             "sizes": {file.stem: file.stat().st_size for file in sorted(FMUS.glob("*.fmu"))},
         }
@@ -266,10 +300,11 @@ class Bench:
         """Measure a cycle of each FMU; the reference and PID-RBF twice, for the noise."""
         moving = [REFERENCE, *MODELS.values(), ALL_OUTPUTS, *map(in_fmi3, VERSIONS)]
         moving += self.baseline()
+        in_c = self.compile_sources()
         again = [replace(case, name=f"{case.name} again") for case in (REFERENCE, MODELS["PidRbf"])]
         sine = replace(SOURCE, start={"signal": 2})
         cases = [(case, "constant") for case in [*map(standing, [*moving, *again]), SOURCE]]
-        cases += [(case, "changing") for case in [*moving, *again, sine]]
+        cases += [(case, "changing") for case in [*moving, *again, sine, *in_c]]
         rounds, measured = max(self.some(500) // PROCESSES, 1), [case for case, _ in cases]
         parts = [self.host.measure("cycle", CYCLES, rounds, measured) for _ in range(PROCESSES)]
         return {
@@ -286,6 +321,21 @@ class Bench:
             name = f"{case.model.removesuffix('_baseline')}.fmu"
             (out / name).rename(self.folder / f"{case.model}.fmu")
         return BASELINE
+
+    def compile_sources(self) -> list[Case]:
+        """Compile the C sources of FMUs with each compiler; return the cases with the results."""
+        compilers = {name: path for name, path in COMPILERS.items() if shutil.which(path)}
+        cases, found, level = IN_C, [], "-O2"
+        if self.quick:
+            compilers, cases, level = {"cc": COMPILERS["cc"]}, cases[:2], "-O0"
+        for case in cases:
+            of = self.in_c[case.model] = {}
+            for compiler, path in compilers.items():
+                found.append(compiled(case, compiler))
+                of["text"], of[compiler] = self.host.compile(case, found[-1], path, level)
+            [line] = self.host.measure("life", 10, 1, found[-1:])
+            of["instance"] = line["initialized_bytes"]
+        return found
 
     def python(self) -> Costs:
         """Measure the PID of PythonFMU and ours in turn; nothing if it cannot run here."""

@@ -15,7 +15,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from engines import ENGINES, SIGNALS
-from measure import BASELINE, MODELS, REFERENCE, SOURCE, VERSIONS, Costs
+from measure import BASELINE, IN_C, MODELS, REFERENCE, SOURCE, VERSIONS, Costs
 from pendulum_fmus.report import printed
 from pendulum_fmus.report.figure import Curve, Figure, Panel
 
@@ -85,10 +85,14 @@ def ratios(costs: Costs) -> dict[str, Ratios]:
     tables = tomllib.loads(Path(__file__).with_name("ratios.toml").read_text(encoding="utf-8"))
     aims, found = tables.pop("aims"), {kind: {} for kind in tables}
     names = [REFERENCE.name, *MODELS, *(case.name for case in BASELINE), SOURCE.name]
-    cases = {"cycles": names, "versions": [case.name for case in VERSIONS]}
+    cases = {
+        "cycles": product(names, INPUTS),
+        "versions": product([case.name for case in VERSIONS], INPUTS),
+        "sources": product([case.name for case in IN_C], [""]),
+    }
     for kind, rows in tables.items():
-        inner = list(product(cases[kind], INPUTS)) if kind in cases else [("", "")]
-        for row, (name, inputs) in product(rows, inner):
+        inner = list(cases.get(kind, [("", "")]))
+        for (name, inputs), row in product(inner, rows):
             for n in range(2, len(costs)) if "{n}" in row["other"] else [0]:
                 given = {"name": name, "code": code(name), "inputs": inputs, "n": n}
                 what, ours, to, other = (
@@ -97,7 +101,7 @@ def ratios(costs: Costs) -> dict[str, Ratios]:
                 if ours in costs and other in costs:
                     aim = row.get("aim") or aims.get(f"{name} {inputs}", "")
                     ratio = Ratio(what, costs[ours], to, costs[other], aim)
-                    found[kind].setdefault((name, inputs) if name else (ours, other), ratio)
+                    found[kind].setdefault((name, inputs) if inputs else (ours, other), ratio)
     return found
 
 

@@ -59,7 +59,7 @@ def test_the_master_in_c_gives_the_same_bits(measure, file: str, tmp_path: Path)
 
 
 def test_the_page_has_what_was_measured(
-    measure, fmus: Path, page_file: Path, tmp_path: Path
+    measure, fmus: Path, sources: Path, page_file: Path, tmp_path: Path
 ) -> None:
     page = shutil.copy(PAGE, tmp_path)
     command = [ROOT / "bench" / "run.py", "--quick", "--out", tmp_path, "--publish", page]
@@ -77,6 +77,10 @@ def test_the_page_has_what_was_measured(
     for model in ("Pid", "PidRbf", "IpidRbf", "Pendulum"):
         assert re.search(rf"`{model}` \| \| \|{engines}\n", texts["engines"])
     assert texts["versions"].count("at most") == 10
+    # Without `--quick`, the other FMUs, too, and by all compilers.
+    for name in ("`Pid`", "`Pid`, FMI 3.0"):
+        assert f"| {name} compiled by `cc` | " in texts["sources"]
+    assert re.search(r"\| `Pid_fmi3` \| \d+ KB \| \d+ KB \| [\d.]+ s by `cc` \|", texts["sources"])
     # `make bench` installs the others.
     others = [name for name in ("libcosim", "fmuloader") if find_spec(measure.OTHERS[name])]
     assert all(f"\n| {name} | " in texts["masters"] for name in ("FMPy", *others))
