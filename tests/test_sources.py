@@ -16,7 +16,7 @@ import pytest
 
 from loops import MODELS, described_loop, run_loop, stems
 from machines import HEADERS, IN_C, NATIVE, functions, unpack_sources
-from native import read, with_binary
+from native import with_binary
 from needs import CMAKE
 from pendulum_fmus import table1
 from pendulum_fmus.loop import Loop, workers
@@ -24,9 +24,6 @@ from pendulum_fmus.master import Component, MasterError
 from pendulum_fmus.report.runs import simulate_all
 from test_hosts import run_scenarios
 from test_validate import findings
-
-MOST_TEXT = 500_000
-"""The most C that an FMU with one controller may have [bytes]."""
 
 MOST_MEMORY = 128 << 10
 """The largest instance of a model of the paper [bytes]."""
@@ -78,12 +75,6 @@ def test_an_instance_is_one_block_of_limited_size(sources, name, tmp_path):
 def test_a_model_has_no_variables_outside_of_its_instances(sources, tmp_path):
     (file,) = (f for f in unpack_sources(sources / "PidRbf.fmu", tmp_path) if f.name == "model.c")
     assert symbols(file, VARIABLES) == {}
-
-
-@each_fmu
-def test_the_text_is_short(sources, name):
-    files = read(sources / f"{name}.fmu")
-    assert sum(len(files[file]) for file in files if file.startswith("sources/")) <= MOST_TEXT
 
 
 @pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-mfpmath=387"])
