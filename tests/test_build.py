@@ -133,7 +133,7 @@ def test_an_fmu_of_fmpy_is_built(tmp_path: Path) -> None:
 BROKEN = [
     ({"decay__c": "int a = b;\n"}, "sources/decay.c cannot be compiled: .*\n.*decay.c:1"),
     ({"derivative__cpp": None}, 'the source file "sources/derivative.cpp" is missing'),
-    ({"derivative__cpp": "int a;\n"}, r"Decay.so cannot be compiled: .*\n(.*\n)*.*derivative"),
+    ({"derivative__cpp": "int a;\n"}, r"Decay.so cannot be linked: .*\n(.*\n)*.*derivative"),
     ({"buildDescription__xml": None}, "it has no sources/buildDescription.xml"),
 ]
 

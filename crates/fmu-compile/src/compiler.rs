@@ -31,7 +31,7 @@ const MAX_MEMORY: u64 = 8 << 30;
 pub struct CompileControl<'a> {
     /// The time that all sources of an FMU may take.
     pub time_limit: Duration,
-    /// Whether the compiler warns, in [`Compiled::log`].
+    /// Whether the compiler warns, in the log of a compilation.
     pub warns: bool,
     /// Whether the compiler stays in the group of this process, so that whoever kills the group ends it, too. Otherwise,
     /// it has a group of its own, all of which is killed when it is cancelled or exceeds the time limit.

@@ -96,7 +96,8 @@ impl Display for CompileError {
                 )
             }
             Self::Failed { file, command, message } => {
-                write!(f, "{file} cannot be compiled: {command}")?;
+                let verb = if file.starts_with("binaries/") { "linked" } else { "compiled" };
+                write!(f, "{file} cannot be {verb}: {command}")?;
                 message.lines().try_for_each(|line| write!(f, "\n  {line}"))
             }
             Self::MissingFunction { binary, name, found: None } => {

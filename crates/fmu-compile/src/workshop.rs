@@ -164,8 +164,17 @@ impl<'a> Workshop<'a> {
         for library in &recipe.libraries {
             match (library, compiler.family) {
                 (NeededLibrary::InFmu(path), _) => {
-                    has_shared |= !path.ends_with(".a") && !path.ends_with(".lib");
-                    command.arg(path);
+                    let is_shared = !path.ends_with(".a") && !path.ends_with(".lib");
+                    has_shared |= is_shared;
+                    match path.rsplit_once('/') {
+                        // By its name, by which it is found beside the FMU's library later.
+                        Some((folder, name)) if is_shared && cfg!(target_os = "linux") => {
+                            command.arg(format!("-L{folder}")).arg(format!("-l:{name}"));
+                        }
+                        _ => {
+                            command.arg(path);
+                        }
+                    }
                 }
                 (NeededLibrary::System(name), CompilerFamily::Gnu) => {
                     let is_file = [".a", ".so", ".dylib"].iter().any(|end| name.ends_with(end));

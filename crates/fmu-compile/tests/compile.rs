@@ -247,7 +247,7 @@ fn a_function_that_nothing_defines_is_an_error_of_the_linker() {
         "<SourceFileSet><SourceFile name='b.c'/></SourceFileSet>",
         &[("sources/b.c", &source)],
     );
-    assert!(error.contains("A.so cannot be compiled") && error.contains("nowhere"), "{error}");
+    assert!(error.contains("A.so cannot be linked") && error.contains("nowhere"), "{error}");
 }
 
 #[test]
