@@ -28,3 +28,32 @@ pub fn document(identifier: &str, files: &[String], uses_math: bool) -> Result<S
     let root = Element::new("fmiBuildDescription").with("fmiVersion", "3.0");
     root.holding(configuration).document()
 }
+
+#[cfg(test)]
+mod tests {
+    use fmu_description::xml::parse;
+
+    use super::*;
+
+    #[test]
+    fn an_importer_finds_the_files_and_libraries() {
+        let files = ["model.c".to_owned(), "fmi3.c".to_owned()];
+        for (uses_math, libraries) in [(true, 1), (false, 0)] {
+            let text = document("Pid", &files, uses_math).unwrap();
+            let root = parse(&text).unwrap();
+            assert_eq!(
+                (root.name, root.attribute("fmiVersion")),
+                ("fmiBuildDescription", Some("3.0"))
+            );
+            let configuration = root.child("BuildConfiguration").unwrap();
+            assert_eq!(configuration.attribute("modelIdentifier"), Some("Pid"));
+            assert_eq!(configuration.children("Library").count(), libraries);
+            let set = configuration.child("SourceFileSet").unwrap();
+            assert_eq!(set.attribute("language"), Some("C99"));
+            let names = set.children("SourceFile").filter_map(|file| file.attribute("name"));
+            assert!(names.eq(["model.c", "fmi3.c"]), "{text}");
+            // FMPy and others define every macro, whether it is optional or not.
+            assert!(set.child("PreprocessorDefinition").is_none());
+        }
+    }
+}
