@@ -70,6 +70,13 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
     }
 }
 
+/// The entries of a library with `N` models.
+#[cfg(not(all(target_arch = "wasm32", feature = "sources")))]
+type Exported<const N: usize> = [Entry; N];
+/// The entry of the only model that C sources have, the first one unless the exporter asks for another.
+#[cfg(all(target_arch = "wasm32", feature = "sources"))]
+type Exported<const N: usize> = [Entry; 1];
+
 impl Entry {
     /// The entry of the model `M` with tables of size `N`.
     ///
@@ -92,9 +99,21 @@ impl Entry {
         }
     }
 
+    /// The entry, if the exporter asks for one model by its name: only C sources have less than all.
+    #[cfg_attr(
+        not(all(target_arch = "wasm32", feature = "sources")),
+        expect(unused_mut, reason = "for C sources")
+    )]
+    pub const fn asked_for(mut self, model: Option<&str>) -> Self {
+        #[cfg(all(target_arch = "wasm32", feature = "sources"))]
+        self.needs.ask_for(model);
+        let _ = model;
+        self
+    }
+
     /// All entries of a library. Two models with one name fail the compilation; it is empty if the derive failed.
     #[track_caller]
-    pub const fn all<const N: usize>(entries: [Self; N]) -> [Self; N] {
+    pub const fn all<const N: usize>(entries: [Self; N]) -> Exported<N> {
         let mut pair = 0;
         while pair < N * N {
             let (one, other) = (entries[pair / N].name, entries[pair % N].name);
@@ -105,6 +124,14 @@ impl Entry {
             }
             pair += 1;
         }
+        #[cfg(all(target_arch = "wasm32", feature = "sources"))]
+        let entries = {
+            let mut index = N - 1;
+            while index > 0 && !entries[index].needs.is_asked_for {
+                index -= 1;
+            }
+            [entries[index]]
+        };
         entries
     }
 

@@ -172,7 +172,7 @@ macro_rules! export {
     ($($model:ty),+ $(,)?) => {
         /// The models of this library.
         #[allow(long_running_const_eval, reason = "a table may be large")]
-        pub static MODELS: &[$crate::Entry] = $crate::exported_models!([$({
+        pub static MODELS: &[$crate::Entry] = &$crate::Entry::all([$({
             struct Exported;
             impl $crate::exported::Exported for Exported {
                 type Model = $model;
@@ -183,8 +183,12 @@ macro_rules! export {
                 option_env!("FMU_EXPORT_NAMING"),
             )
             .revised(option_env!("FMU_EXPORT_REVISION"));
-            $crate::embed!(INTERFACE);
+            // C sources have that of their model only.
+            #[cfg_attr(not(target_arch = "wasm32"), used)]
+            static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
+                $crate::embedded::write(&INTERFACE);
             $crate::exported::entry::<Exported, SIZE>(INTERFACE, &EMBEDDED)
+                .asked_for(option_env!("FMU_EXPORT_MODEL"))
         }),+]);
 
         #[cfg(target_arch = "wasm32")]
@@ -201,51 +205,6 @@ macro_rules! export {
         #[cfg(not(target_arch = "wasm32"))]
         pub use export_takes_all_models_at_once::*;
     };
-}
-
-/// The copy of an interface for the exporter.
-#[doc(hidden)]
-#[cfg(not(all(target_arch = "wasm32", feature = "sources")))]
-#[macro_export]
-macro_rules! embed {
-    ($interface:ident) => {
-        #[used]
-        static EMBEDDED: [u8; $crate::embedded::size(&$interface)] =
-            $crate::embedded::write(&$interface);
-    };
-}
-
-/// The copy of an interface for the exporter, of the model that is exported.
-#[doc(hidden)]
-#[cfg(all(target_arch = "wasm32", feature = "sources"))]
-#[macro_export]
-macro_rules! embed {
-    ($interface:ident) => {
-        static EMBEDDED: [u8; $crate::embedded::size(&$interface)] =
-            $crate::embedded::write(&$interface);
-    };
-}
-
-/// The models that a library has.
-#[doc(hidden)]
-#[cfg(not(all(target_arch = "wasm32", feature = "sources")))]
-#[macro_export]
-macro_rules! exported_models {
-    ($entries:expr) => {
-        &$crate::Entry::all($entries)
-    };
-}
-
-/// The only model that C sources have.
-#[doc(hidden)]
-#[cfg(all(target_arch = "wasm32", feature = "sources"))]
-#[macro_export]
-macro_rules! exported_models {
-    ($entries:expr) => {{
-        const ALL: &[$crate::Entry] = &$crate::Entry::all($entries);
-        const INDEX: usize = $crate::sources::index(ALL, option_env!("FMU_EXPORT_MODEL"));
-        &[ALL[INDEX]]
-    }};
 }
 
 /// Lets the edge of components find `MODELS`.

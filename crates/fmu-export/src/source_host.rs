@@ -18,12 +18,7 @@ unsafe extern "C" {
     fn resource_size(path: *const c_char, name: *const c_char) -> i32;
     /// Reads a resource of this size. Returns 0 if all was read.
     #[link_name = "read_resource"]
-    fn read_bytes(
-        path: *const c_char,
-        name: *const c_char,
-        content: *mut u8,
-        size: usize,
-    ) -> i32;
+    fn read_bytes(path: *const c_char, name: *const c_char, content: *mut u8, size: usize) -> i32;
     /// Returns whether the host requests an early return, whose time it writes.
     #[cfg(not(feature = "fmi2"))]
     fn intermediate_update(

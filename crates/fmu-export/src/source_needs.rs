@@ -15,7 +15,9 @@ use crate::source_host::call_back;
 #[derive(Clone, Copy)]
 pub(crate) struct Needs {
     /// The name of the model, also if the entry is of a variant.
-    pub(crate) name: &'static str,
+    name: &'static str,
+    /// Whether the exporter asks for this model.
+    pub(crate) is_asked_for: bool,
     /// Bytes that an instance allocates.
     pub(crate) heap: usize,
     /// Bytes of references and values of all variables in one call.
@@ -40,6 +42,7 @@ impl Needs {
         let arguments = AT_HAND + info.end as usize * (size_of::<u32>() + size_of::<f64>());
         Self {
             name: M::NAME,
+            is_asked_for: false,
             arguments,
             heap: SMALL
                 + arguments
@@ -51,5 +54,20 @@ impl Needs {
                 false => None,
             },
         }
+    }
+
+    /// Takes note of the model that the exporter asks for by its name.
+    pub(crate) const fn ask_for(&mut self, model: Option<&str>) {
+        if let Some(model) = model {
+            self.is_asked_for = is_same(self.name.as_bytes(), model.as_bytes());
+        }
+    }
+}
+
+const fn is_same(a: &[u8], b: &[u8]) -> bool {
+    match (a, b) {
+        ([], []) => true,
+        ([a, rest @ ..], [b, others @ ..]) => *a == *b && is_same(rest, others),
+        _ => false,
     }
 }

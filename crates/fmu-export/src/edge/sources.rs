@@ -35,27 +35,6 @@ use crate::pointers::slice;
 use crate::pointers::{Pointer, c_message};
 use crate::source_host;
 
-/// The place of the model that the exporter asks for; of the first one if there is none with this name.
-pub const fn index(models: &[Entry], name: Option<&str>) -> usize {
-    let Some(name) = name else { return 0 };
-    let mut index = models.len();
-    while index > 0 {
-        index -= 1;
-        if is_same(models[index].needs.name.as_bytes(), name.as_bytes()) {
-            break;
-        }
-    }
-    index
-}
-
-const fn is_same(a: &[u8], b: &[u8]) -> bool {
-    match (a, b) {
-        ([], []) => true,
-        ([a, rest @ ..], [b, others @ ..]) => *a == *b && is_same(rest, others),
-        _ => false,
-    }
-}
-
 /// The bytes that an instance of the only model may allocate: what its interface needs, and what the exporter adds, as
 /// digits.
 pub const fn heap(models: &[Entry], added: Option<&str>) -> usize {
