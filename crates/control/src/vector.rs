@@ -49,9 +49,14 @@ pub(crate) fn gaussians(values: &mut [f64], x: f64, centres: &[f64], factors: &[
         <&[f64; PAPER]>::try_from(centres),
         <&[f64; PAPER]>::try_from(factors),
     ) {
-        in_one_vector(|nodes| {
-            each_gaussian(&mut values[nodes.clone()], x, &centres[nodes.clone()], &factors[nodes]);
-        });
+        in_one_vector(
+            // Not a call for each node where a library is optimized for size.
+            #[inline(always)]
+            |nodes| {
+                let values = &mut values[nodes.clone()];
+                each_gaussian(values, x, &centres[nodes.clone()], &factors[nodes]);
+            },
+        );
     } else if values.len() > FEW {
         many_gaussians(values, x, centres, factors);
     } else {
