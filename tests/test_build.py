@@ -33,7 +33,7 @@ VERSIONS = pytest.mark.parametrize("version", [2, 3])
 def decay(file: Path, version: int, **changes: str | None) -> Path:
     """Write Decay with its sources only; `None` leaves a file out."""
     names = {2: ["all.c"], 3: ["buildDescription.xml", "include/decay.h"]}[version]
-    sources = {name: DECAY[name] for name in ["decay.c", "derivative.cpp", "stubs.c", *names]}
+    sources = {name: DECAY[name] for name in ["decay.c", "derivative.c", "stubs.c", *names]}
     if version == 2:
         sources["decay.h"] = DECAY["include/decay.h"]
     sources |= {name.replace("__", "."): text for name, text in changes.items()}
@@ -132,8 +132,8 @@ def test_an_fmu_of_fmpy_is_built(tmp_path: Path) -> None:
 
 BROKEN = [
     ({"decay__c": "int a = b;\n"}, "sources/decay.c cannot be compiled: .*\n.*decay.c:1"),
-    ({"derivative__cpp": None}, 'the source file "sources/derivative.cpp" is missing'),
-    ({"derivative__cpp": "int a;\n"}, r"Decay.so cannot be linked: .*\n(.*\n)*.*derivative"),
+    ({"derivative__c": None}, 'the source file "sources/derivative.c" is missing'),
+    ({"derivative__c": "int a;\n"}, r"Decay.so cannot be linked: .*\n(.*\n)*.*derivative"),
     ({"buildDescription__xml": None}, "it has no sources/buildDescription.xml"),
 ]
 

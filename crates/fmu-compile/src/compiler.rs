@@ -96,7 +96,8 @@ impl Compilers {
             build.compiler(name);
         }
         let missing = |program: String| CompileError::MissingCompiler { is_cpp, program };
-        let none = || missing("neither cc, gcc nor clang was found".to_owned());
+        let names = if is_cpp { "c++, g++ nor clang++" } else { "cc, gcc nor clang" };
+        let none = || missing(format!("neither {names} was found"));
         let tool = build.try_get_compiler().map_err(|_| none())?;
         if !is_program(tool.path()) {
             let program = tool.path().display();

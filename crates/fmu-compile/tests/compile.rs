@@ -99,19 +99,30 @@ fn older_headers_beside_the_sources_do_not_bring_the_prefix_back() {
 
 #[test]
 fn sets_have_their_own_languages_definitions_and_folders() {
-    let cpp = "#include \"deep.h\"\n#if !defined(LEVEL) || defined(FLAG) || FIRST != 1\n#error\n#endif\n\
-        extern \"C\" const char *text() { auto t = TEXT; return t; }\n";
+    let other = "#include \"deep.h\"\n#if !defined(LEVEL) || defined(FLAG) || FIRST != 1\n#error\n#endif\n\
+        _Static_assert(sizeof TEXT == 6, \"C11\");\nconst char *text(void) { return TEXT; }\n";
     let sets = set("language='C99' compiler='gcc' compilerOptions='-O1 -fno-strict-aliasing'", "")
-        + r#"<SourceFileSet language="C++11"><SourceFile name="b/b.c"/>
+        + r#"<SourceFileSet language="C11"><SourceFile name="b/b.c"/>
             <PreprocessorDefinition name="FIRST"/>
             <PreprocessorDefinition name="TEXT" value="&quot;a b's&quot;"/>
             <PreprocessorDefinition name="FLAG" optional="true"/>
             <PreprocessorDefinition name="LEVEL" optional="true" value="0"><Option value="0"/></PreprocessorDefinition>
             <IncludeDirectory name="include/deep"/></SourceFileSet>
             <Library name="m" external="true"/>"#;
-    let others = [("sources/b/b.c", cpp), ("sources/include/deep/deep.h", "")];
+    let others = [("sources/b/b.c", other), ("sources/include/deep/deep.h", "")];
     let compiled = configured(&sets, &others).unwrap();
     assert!(compiled.log.contains("-fno-strict-aliasing"), "{}", compiled.log);
+}
+
+#[test]
+fn cpp_is_compiled_by_its_compiler_which_is_named_if_it_is_missing() {
+    let cpp = "extern \"C\" const char *text() { auto t = \"C++11\"; return t; }\n";
+    let set = set("language='C99'", "")
+        + r#"<SourceFileSet language="C++11"><SourceFile name="b.c"/></SourceFileSet>"#;
+    match configured(&set, &[("sources/b.c", cpp)]) {
+        Ok(compiled) => assert!(compiled.log.contains("++"), "{}", compiled.log),
+        Err(error) => assert!(error.to_string().contains("c++, g++"), "{error}"),
+    }
 }
 
 #[test]

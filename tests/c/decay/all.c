@@ -3,4 +3,4 @@
 #define RATE 1
 
 #include "decay.c"
-#include "derivative.cpp"
+#include "derivative.c"

@@ -1,4 +1,4 @@
-// For FMI 3.0, this file is C++11; for FMI 2.0, all.c includes it as C.
+/* For FMI 3.0, a file of its own with its own options; for FMI 2.0, a part of all.c. */
 #include "decay.h"
 
 #if RATE != 1
@@ -6,10 +6,5 @@
 #endif
 
 double derivative(double x, double k) {
-#ifdef __cplusplus
-    const auto slope = -(k * x);
-    return slope;
-#else
     return -(k * x);
-#endif
 }
