@@ -65,6 +65,9 @@ pub struct Function<'a> {
     traps: BTreeSet<&'static str>,
 }
 
+/// Linkers make the first global the stack pointer.
+const STACK_POINTER: u32 = 0;
+
 /// The macros at the end of functions that set a trap. Each has a label, its name in lower case.
 const OUT_OF_BOUNDS: &str = "OUT_OF_BOUNDS";
 const UNREACHABLE: &str = "UNREACHABLE";
@@ -122,13 +125,14 @@ impl<'a> Function<'a> {
                     Operator::Block { .. } | Operator::Loop { .. } | Operator::If { .. },
                 ) => *depth += 1,
                 (Some(0), Operator::Else) | (Some(0), Operator::End) => {
-                    self.leave(matches!(operator, Operator::Else), false);
-                    unreachable = None;
+                    let reached = self.leave(matches!(operator, Operator::Else), false);
+                    unreachable = (!reached).then_some(0);
                 }
                 (Some(depth), Operator::End) => *depth -= 1,
                 (Some(_), _) => {}
                 (None, Operator::Else | Operator::End) => {
-                    self.leave(matches!(operator, Operator::Else), true)
+                    let reached = self.leave(matches!(operator, Operator::Else), true);
+                    unreachable = (!reached).then_some(0);
                 }
                 (None, operator) => {
                     if !self.operator(place, operator)? {
@@ -147,7 +151,12 @@ impl<'a> Function<'a> {
         let head = signature(&self.names[&self.index], own_traits.needs_model, self.function_type);
         let body = Writer::function(simplify(std::mem::take(&mut self.statements)));
         let mut text = format!("static {head} {{\n");
-        for (value_type, names) in self.declarations() {
+        for (value_type, mut names) in self.declarations() {
+            // Some are only for code that is not reached.
+            names.retain(|name| mentions(&body, name));
+            if names.is_empty() {
+                continue;
+            }
             text.push_str(&format!(
                 "\t{} {};\n",
                 c_type(value_type),
@@ -155,7 +164,7 @@ impl<'a> Function<'a> {
             ));
         }
         if own_traits.counts_depth {
-            text.push_str("\tif (m->depth >= MODEL_CALL_DEPTH) goto too_deep;\n\tm->depth++;\n");
+            text.push_str("\tCOUNT_DEPTH;\n");
             self.traps.insert(TOO_DEEP);
         }
         for parameter in (0..parameters.len()).map(|parameter| format!("a{parameter}")) {
@@ -253,7 +262,7 @@ impl<'a> Function<'a> {
         let declares =
             declares.map(|value_type| format!("{} ", c_type(value_type))).unwrap_or_default();
         self.line(format!("{declares}{name} = {};", value.text));
-        // Linkers make the first global the stack pointer, so this is the stack frame of the function.
+        // This is the stack frame of the function.
         if self.module.heap_base.is_some()
             && let Some(size) =
                 value.text.strip_prefix("m->g0 - ").and_then(|size| size.parse().ok())
@@ -262,6 +271,23 @@ impl<'a> Function<'a> {
             self.check(name, size);
         }
         self.facts.copy(name, &value.text);
+    }
+
+    /// Makes the last statements one with the one that sets the stack pointer, if they declare and check the frame.
+    fn takes_frame(&mut self, name: &str) -> bool {
+        let [.., Statement::Line(line), Statement::Check { address, end }] =
+            self.statements.as_slice()
+        else {
+            return false;
+        };
+        if address != name || *line != format!("u32 {name} = m->g0 - {end};") {
+            return false;
+        }
+        let frame = format!("FRAME({name}, {end});");
+        self.statements.truncate(self.statements.len() - 2);
+        self.checks.remove(name);
+        self.line(frame);
+        true
     }
 
     fn set_local(&mut self, place: usize, local: u32) {
@@ -276,6 +302,13 @@ impl<'a> Function<'a> {
 
     /// A value that is not needed; compilers warn of variables that are only set.
     fn discard(&mut self, value: &Expression) {
+        if let Some(Statement::Call { declares: declares @ Some(_), result, .. }) =
+            self.statements.last_mut()
+            && result.as_ref() == Some(&value.text)
+        {
+            (*declares, *result) = (None, None);
+            return;
+        }
         if value.constant.is_none() && value.is_simple() {
             self.line(format!("(void){};", value.text));
         }
@@ -448,13 +481,13 @@ impl<'a> Function<'a> {
         Expression::variable(name, value.value_type)
     }
 
-    /// Ends a block, or the first branch of an `if`.
-    fn leave(&mut self, is_else: bool, reachable: bool) {
+    /// Ends a block, or the first branch of an `if`. Returns whether what follows is reached.
+    fn leave(&mut self, is_else: bool, reachable: bool) -> bool {
         if self.frames.len() == 1 {
             if reachable {
                 self.return_values();
             }
-            return;
+            return false;
         }
         let innermost = self.frames.len() - 1;
         let results = self.frames[innermost].results.clone();
@@ -473,14 +506,16 @@ impl<'a> Function<'a> {
             let Kind::If(condition) = kind else { unreachable!("validated: else is in an if") };
             frame.kind = Kind::Else(condition, then);
             self.stack.extend(frame.parameters.clone());
-            return;
+            return true;
         }
         if matches!(frame.kind, Kind::If(_)) {
             self.facts = frame.facts.clone();
             self.join(innermost);
         }
         let mut frame = self.frames.pop().expect("there is a block");
-        self.facts = frame.facts_behind.take().unwrap_or_default();
+        let facts_behind = frame.facts_behind.take();
+        let reached = facts_behind.is_some();
+        self.facts = facts_behind.unwrap_or_default();
         // Without an else, the parameters are the results.
         let mut otherwise = Vec::new();
         if matches!(frame.kind, Kind::If(_)) && !frame.results.is_empty() {
@@ -503,6 +538,7 @@ impl<'a> Function<'a> {
             Kind::Block | Kind::Body => Statement::Block { label, body },
         });
         self.stack.extend(frame.results);
+        reached
     }
 
     fn return_values(&mut self) {
@@ -703,12 +739,11 @@ impl<'a> Function<'a> {
             Operator::Unreachable => {
                 self.traps.insert(UNREACHABLE);
                 // A function that never returns has set the trap.
-                if let Some(Statement::Call { declares, result, checked, .. }) =
-                    self.statements.last_mut()
-                {
-                    (*declares, *result, *checked) = (None, None, None);
-                }
-                self.statements.push(Statement::Exit("goto unreachable;".into()));
+                let last = self.statements.pop_if(|last| matches!(last, Statement::Call { .. }));
+                self.statements.push(Statement::Exit(match last {
+                    Some(Statement::Call { call, .. }) => format!("NEVER_RETURNS({call});"),
+                    _ => "goto unreachable;".into(),
+                }));
                 return Ok(false);
             }
             Operator::Block { blockty } | Operator::Loop { blockty } => {
@@ -787,7 +822,9 @@ impl<'a> Function<'a> {
             Operator::GlobalSet { global_index } => {
                 let value = self.pop();
                 self.settle(|expression| expression.reads_globals);
-                self.line(format!("m->g{global_index} = {};", value.text));
+                if !(*global_index == STACK_POINTER && self.takes_frame(&value.text)) {
+                    self.line(format!("m->g{global_index} = {};", value.text));
+                }
             }
             Operator::MemorySize { .. } => {
                 let value = Expression::new("m->pages".into(), Level::Primary, ValType::I32, &[]);

@@ -56,6 +56,22 @@
 #define CHECK(address, end) \
     if ((address) > MODEL_MEMORY_SIZE - (end)) goto out_of_bounds
 
+/* Takes the stack frame of a function, `size` bytes of the memory whose address goes to a new variable. */
+#define FRAME(address, size) \
+    u32 address = m->g0 - (size); \
+    CHECK(address, size); \
+    m->g0 = address
+
+/* Begins a function that is called in a circle. */
+#define COUNT_DEPTH \
+    if (m->depth >= MODEL_CALL_DEPTH) goto too_deep; \
+    m->depth++
+
+/* A call of a function that always ends with a trap: a panic. */
+#define NEVER_RETURNS(call) \
+    call; \
+    goto unreachable
+
 /* The ends of functions that have a trap. */
 #define OUT_OF_BOUNDS out_of_bounds: TRAP(OUT_OF_BOUNDS); return
 #define UNREACHABLE unreachable: TRAP(UNREACHABLE); return
