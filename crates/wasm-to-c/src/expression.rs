@@ -147,8 +147,36 @@ impl Expression {
         }
     }
 
+    /// The operator and the operand that change a variable to this value, such as `+` and `2` for `n1 + 2`.
+    pub fn change_of(&self, variable: &str) -> Option<(&str, &str)> {
+        let (operator, operand) =
+            self.text.strip_prefix(variable)?.strip_prefix(' ')?.split_once(' ')?;
+        let mut depth = 0;
+        let is_one = operand.chars().all(|character| {
+            match character {
+                '(' => depth += 1,
+                ')' => depth -= 1,
+                _ => {}
+            }
+            depth > 0 || character != ' '
+        });
+        let is_sum = operator == "+" && self.level == Level::Sum && !is_float(self.value_type);
+        let changes = ["+", "-", "*", "/", "&", "|", "^", "<<", ">>"].contains(&operator);
+        (changes && (is_one || is_sum)).then_some((operator, operand))
+    }
+
     /// As a condition, and its opposite.
     pub fn condition(&self) -> (String, String) {
+        let name = self.variables.first().filter(|_| self.variables.len() == 1);
+        match (name, &self.negation) {
+            (Some(name), Some(_)) if self.text == format!("{name} != 0") => {
+                return (name.clone(), format!("!{name}"));
+            }
+            (Some(name), Some(_)) if self.text == format!("{name} == 0") => {
+                return (format!("!{name}"), name.clone());
+            }
+            _ => {}
+        }
         match &self.negation {
             Some((negation, _)) => (self.text.clone(), negation.clone()),
             None if self.level <= Level::Unary => (self.text.clone(), format!("!{}", self.text)),

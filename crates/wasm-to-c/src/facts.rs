@@ -11,18 +11,27 @@ impl Facts {
         self.0.get(name).copied().unwrap_or(0)
     }
 
+    /// The variable of an address and the offset from it, if at least `end` bytes from the address on are known to be
+    /// inside.
+    pub fn place<'a>(&self, address: &'a str, end: u64) -> Option<(&'a str, u64)> {
+        let (name, offset) = split(address)?;
+        (self.inside(name) >= offset + end).then_some((name, offset))
+    }
+
     pub fn set_inside(&mut self, name: &str, end: u64) {
         self.0.insert(name.to_owned(), end);
     }
 
-    /// Makes one variable as well known as another.
-    pub fn copy(&mut self, name: &str, from: &str) {
-        if let Some(&end) = self.0.get(from) {
-            self.0.insert(name.to_owned(), end);
+    /// The variable has another value now.
+    pub fn set(&mut self, name: &str, value: &str) {
+        let end = split(value).map_or(0, |(from, offset)| self.inside(from).saturating_sub(offset));
+        self.forget(name);
+        if end > 0 {
+            self.set_inside(name, end);
         }
     }
 
-    /// The variable has another value now.
+    /// The variable has a value that is not known.
     pub fn forget(&mut self, name: &str) {
         self.0.remove(name);
     }
@@ -33,5 +42,13 @@ impl Facts {
             *end = (*end).min(other.inside(name));
             *end > 0
         });
+    }
+}
+
+/// The variable and the offset of an address such as `n3` or `n3 + 8`.
+fn split(address: &str) -> Option<(&str, u64)> {
+    match address.split_once(" + ") {
+        Some((name, offset)) => Some((name, offset.parse().ok()?)),
+        None => Some((address, 0)),
     }
 }

@@ -247,7 +247,7 @@ impl<'a> Function<'a> {
     fn assign(&mut self, name: &str, declares: Option<ValType>, value: Expression) {
         let name_owned = name.to_owned();
         self.settle(|expression| expression.variables.contains(&name_owned));
-        self.facts.forget(name);
+        self.facts.set(name, &value.text);
         self.checks.remove(name);
         // The result of a call goes to the variable at once.
         if let Some(Statement::Call { declares: own, result: Some(result), .. }) =
@@ -259,9 +259,11 @@ impl<'a> Function<'a> {
             *own = declares.map(c_type);
             return;
         }
-        let declares =
-            declares.map(|value_type| format!("{} ", c_type(value_type))).unwrap_or_default();
-        self.line(format!("{declares}{name} = {};", value.text));
+        self.line(match (declares, value.change_of(name)) {
+            (Some(value_type), _) => format!("{} {name} = {};", c_type(value_type), value.text),
+            (None, Some((operator, operand))) => format!("{name} {operator}= {operand};"),
+            (None, None) => format!("{name} = {};", value.text),
+        });
         // This is the stack frame of the function.
         if self.module.heap_base.is_some()
             && let Some(size) =
@@ -270,7 +272,6 @@ impl<'a> Function<'a> {
         {
             self.check(name, size);
         }
-        self.facts.copy(name, &value.text);
     }
 
     /// Makes the last statements one with the one that sets the stack pointer, if they declare and check the frame.
@@ -335,14 +336,17 @@ impl<'a> Function<'a> {
         }
     }
 
-    /// The address of an access, after a check that it is in memory.
-    fn address(&mut self, base: Expression, offset: u64, width: u64) -> Expression {
+    /// The address of an access and the offset from it, after a check that it is in memory.
+    fn address(&mut self, base: Expression, offset: u64, width: u64) -> (Expression, u64) {
         let end = offset + width;
         let size = self.module.memory_size;
         if let Some(address) = base.constant
             && address + end <= size
         {
-            return base;
+            return (Expression::constant(ValType::I32, address + offset), 0);
+        }
+        if let Some((name, more)) = self.facts.place(&base.text, end) {
+            return (Expression::variable(name.to_owned(), ValType::I32), offset + more);
         }
         let base = if base.constant.is_some() {
             // The compiler would see that the check always fails.
@@ -353,26 +357,17 @@ impl<'a> Function<'a> {
         } else {
             self.temporary(base)
         };
-        let name = &base.text;
-        if self.facts.inside(name) >= end {
-            return base;
-        }
         if end > size {
             self.trap_if(format!("MODEL_MEMORY_SIZE < {end}u"), OUT_OF_BOUNDS);
         }
         self.check(&base.text, end);
-        base
+        (base, offset)
     }
 
     fn access(&mut self, operation: Access) {
         let value = operation.is_store.then(|| self.pop());
         let base = self.pop();
-        let mut offset = operation.argument.offset;
-        let mut base = self.address(base, offset, operation.width);
-        if let Some(address) = base.constant {
-            base = Expression::constant(ValType::I32, address + offset);
-            offset = 0;
-        }
+        let (base, offset) = self.address(base, operation.argument.offset, operation.width);
         let Some(value) = value else {
             self.stack.push(Expression::load(
                 operation.function,
@@ -843,13 +838,11 @@ impl<'a> Function<'a> {
             }
             Operator::MemoryCopy { .. } | Operator::MemoryFill { .. } => {
                 let (size, from, to) = (self.pop(), self.pop(), self.pop());
-                let (size, from, to) =
-                    (self.temporary(size), self.temporary(from), self.temporary(to));
                 self.settle(|expression| expression.reads_memory);
-                let (size, from, to) = (size.text, from.text, to.text);
-                let function =
-                    if matches!(operator, Operator::MemoryFill { .. }) { "fill" } else { "copy" };
-                self.trap_if(format!("!memory_{function}(m, {to}, {from}, {size})"), OUT_OF_BOUNDS);
+                let is_fill = matches!(operator, Operator::MemoryFill { .. });
+                let name = if is_fill { "FILL" } else { "COPY" };
+                self.traps.insert(OUT_OF_BOUNDS);
+                self.line(format!("{name}({}, {}, {});", to.text, from.text, size.text));
             }
             operator => return self.numeric(operator),
         }

@@ -147,6 +147,8 @@ static inline int memory_copy(Model *m, u32 to, u32 from, u32 size) {
     memmove(m->memory + to, m->memory + from, size);
     return 1;
 }
+#define COPY(to, from, size) \
+    if (!memory_copy(m, to, from, size)) goto out_of_bounds
 
 static inline int memory_fill(Model *m, u32 to, u32 byte, u32 size) {
     if (!is_inside(to, size))
@@ -154,6 +156,8 @@ static inline int memory_fill(Model *m, u32 to, u32 byte, u32 size) {
     memset(m->memory + to, (int)(byte & 255), size);
     return 1;
 }
+#define FILL(to, byte, size) \
+    if (!memory_fill(m, to, byte, size)) goto out_of_bounds
 
 static inline u32 memory_grow(Model *m, u32 pages) {
     u32 before = m->pages;

@@ -75,6 +75,8 @@ struct Place<'a> {
 #[derive(Default)]
 pub struct Writer {
     pub text: String,
+    /// Checks, which go to the line of the access behind them.
+    checks: String,
     labels: BTreeSet<u32>,
 }
 
@@ -87,10 +89,24 @@ impl Writer {
     }
 
     fn line(&mut self, depth: usize, line: &str) {
-        let _ = writeln!(self.text, "{:\t<width$}{line}", "", width = depth.min(DEEPEST));
+        let line = std::mem::take(&mut self.checks) + line;
+        let _ =
+            writeln!(self.text, "{:\t<width$}{}", "", line.trim_end(), width = depth.min(DEEPEST));
     }
 
     fn list(&mut self, statements: Vec<Statement>, place: Place) {
+        self.statements(statements, place);
+        self.end_checks(place.depth);
+    }
+
+    /// Writes the checks that no access follows.
+    fn end_checks(&mut self, depth: usize) {
+        if !self.checks.is_empty() {
+            self.line(depth, "");
+        }
+    }
+
+    fn statements(&mut self, statements: Vec<Statement>, place: Place) {
         let mut statements = statements.into_iter();
         while let Some(statement) = statements.next() {
             let last = statements.len() == 0;
@@ -121,9 +137,14 @@ impl Writer {
 
     fn statement(&mut self, statement: Statement, place: Place) {
         let depth = place.depth;
+        if !matches!(statement, Line(_) | Exit(_) | Call { .. } | Check { .. }) {
+            self.end_checks(depth);
+        }
         match statement {
             Line(line) | Exit(line) => self.line(depth, &line),
-            Check { address, end } => self.line(depth, &format!("CHECK({address}, {end});")),
+            Check { address, end } => {
+                let _ = write!(self.checks, "CHECK({address}, {end}); ");
+            }
             Call { declares, result, call, checked } => {
                 let declares = declares.map(|name| format!("{name} ")).unwrap_or_default();
                 let result = result.map(|name| format!("{name} = ")).unwrap_or_default();
