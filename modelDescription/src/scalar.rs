@@ -177,23 +177,21 @@ pub(crate) const fn length(parts: &[&str]) -> usize {
 
 /// The name of an element, with an index as FMI writes it: `w[1,2]`, `der(x[2])`; a scalar has no index.
 pub(crate) fn element_name(name: &str, dimensions: &[usize], element: usize) -> String {
-    let mut rest = element;
-    let mut indices: Vec<String> = Vec::new();
-    for length in dimensions.iter().rev() {
-        indices.insert(0, (rest % length + 1).to_string());
-        rest /= length;
+    if dimensions.is_empty() {
+        return name.to_owned();
     }
-    let indices = indices.join(",");
-    match state_of(name) {
-        _ if indices.is_empty() => name.to_owned(),
-        Some(state) => format!("der({state}[{indices}])"),
-        None => format!("{name}[{indices}]"),
+    let (array, end) = match name.strip_suffix(')') {
+        Some(array) if array.starts_with("der(") => (array, ")"),
+        _ => (name, ""),
+    };
+    let mut text = array.to_owned();
+    let (mut separator, mut count) = ("[", dimensions.iter().product::<usize>());
+    for length in dimensions {
+        count /= length;
+        text = format!("{text}{separator}{}", element / count % length + 1);
+        separator = ",";
     }
-}
-
-/// The name of the state in the name of a derivative.
-fn state_of(name: &str) -> Option<&str> {
-    name.strip_prefix("der(")?.strip_suffix(')')
+    text + "]" + end
 }
 
 /// Number of scalar variables in a table.

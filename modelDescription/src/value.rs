@@ -113,6 +113,16 @@ impl Value {
     }
 }
 
+/// A whole number of any of the types, to be shown with less code than an `i128`.
+pub struct Whole(pub i128);
+
+impl fmt::Display for Whole {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sign = if self.0 < 0 { "-" } else { "" };
+        write!(f, "{sign}{}", self.0.unsigned_abs() as u64)
+    }
+}
+
 /// Shows it as a text that reads back exactly: bytes as hexadecimal digits, an item as its number.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -122,7 +132,7 @@ impl fmt::Display for Value {
             Self::Boolean(value) => value.fmt(f),
             Self::String(text) => f.write_str(text),
             Self::Binary(bytes) => bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}")),
-            number => number.as_whole().unwrap_or_default().fmt(f),
+            number => Whole(number.as_whole().unwrap_or_default()).fmt(f),
         }
     }
 }

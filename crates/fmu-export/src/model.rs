@@ -298,7 +298,7 @@ pub struct Start {
 impl Start {
     /// A start at `time` (s) with the folder of the resources, for tests.
     pub fn new(time: f64, resources: impl Into<PathBuf>) -> Self {
-        Self { time, is_model_exchange: false, resources: Ok(resources.into()) }
+        Self { time, is_model_exchange: false, resources: Folder::Known(Ok(resources.into())) }
     }
 
     /// The path of a file in the FMU's `resources`, which `cargo fmu export` packs from the folder of
@@ -308,7 +308,7 @@ impl Start {
     /// The host did not say where the resources are, or the path leaves them.
     pub fn resource(&self, file: impl AsRef<Path>) -> Result<PathBuf, ModelError> {
         let file = name_of_resource(file.as_ref())?;
-        match &self.resources {
+        match self.resources.path() {
             Ok(folder) => Ok(folder.join(file)),
             Err(error) => Err(ModelError::new(format_args!(
                 "the resource {} cannot be found: {error}",

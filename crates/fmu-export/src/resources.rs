@@ -1,5 +1,7 @@
-//! The folder of the resources, from the URI that the host passes to `fmi2Instantiate` (FMI 2.0.5,
-//! section 2.1.5). A WebAssembly component has none: its host reads them, as for C sources.
+//! The folder of the resources: in FMI 2.0, from a URI (FMI 2.0.5, section 2.1.5). A WebAssembly component has none: its
+//! host reads them, as for C sources.
+
+use std::ffi::{CStr, CString};
 
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use std::mem::MaybeUninit;
@@ -7,23 +9,58 @@ use std::mem::MaybeUninit;
 use std::path::Path;
 use std::path::PathBuf;
 
+use fmi_abi::FmiVersion;
+
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use crate::canonical::{Answer, Text, slice};
 
 #[cfg(all(target_arch = "wasm32", feature = "sources"))]
 pub(crate) use crate::source_host::read_resource;
 
-/// The folder of the resources, or why it is not known.
-pub(crate) type Folder = Result<PathBuf, String>;
+/// The folder of the resources.
+#[derive(Debug, Clone)]
+pub(crate) enum Folder {
+    /// As a host of this version of FMI names it.
+    Named(FmiVersion, Option<CString>),
+    /// Its path, or why it is not known.
+    Known(Result<PathBuf, String>),
+}
+
+impl Folder {
+    pub(crate) fn named(version: FmiVersion, text: Option<&CStr>) -> Self {
+        Self::Named(version, text.map(CStr::to_owned))
+    }
+
+    /// Its path. A model that needs no resources has no code for this.
+    ///
+    /// # Errors
+    /// It is not known, or it is no folder of this machine.
+    pub(crate) fn path(&self) -> Result<PathBuf, String> {
+        let (version, text) = match self {
+            Self::Named(version, text) => (version, text.as_ref().filter(|text| !text.is_empty())),
+            Self::Known(path) => return path.clone(),
+        };
+        let what = match version {
+            FmiVersion::Fmi2 => "location",
+            FmiVersion::Fmi3 => "path",
+        };
+        let text = text.ok_or_else(|| format!("the host passed no resource {what}"))?;
+        let text = text.to_str().map_err(|_| {
+            format!("the resource {what} \"{}\" is not UTF-8", text.to_bytes().escape_ascii())
+        })?;
+        match version {
+            FmiVersion::Fmi2 => path_of(text),
+            FmiVersion::Fmi3 => Ok(text.into()),
+        }
+    }
+}
 
 /// The path of a resource location. Besides `file:///path`, hosts pass `file:/path`,
 /// `file://localhost/path`, `file:////path`, `file://C:/path`, and plain paths.
 ///
 /// # Errors
-/// There is no location, or it is not a file.
-pub(crate) fn path(location: Option<&str>) -> Folder {
-    let location = location.filter(|location| !location.is_empty());
-    let location = location.ok_or("the host passed no resource location")?;
+/// It is not a file.
+fn path_of(location: &str) -> Result<PathBuf, String> {
     let Some(rest) = strip_scheme(location)? else {
         return Ok(location.into());
     };
@@ -36,11 +73,11 @@ pub(crate) fn path(location: Option<&str>) -> Folder {
         },
     };
     let path =
-        decode(rest).ok_or_else(|| format!("the resource location {location:?} is not UTF-8"))?;
+        decode(rest).ok_or_else(|| format!("the resource location \"{location}\" is not UTF-8"))?;
     if is_network {
         return match cfg!(windows) {
             true => Ok(format!("//{path}").into()),
-            false => Err(format!("the resource location {location:?} is on another machine")),
+            false => Err(format!("the resource location \"{location}\" is on another machine")),
         };
     }
     // file:///C:/path
@@ -61,7 +98,7 @@ fn strip_scheme(location: &str) -> Result<Option<&str>, String> {
     match is_scheme {
         false => Ok(None),
         true if scheme.eq_ignore_ascii_case("file") => Ok(Some(rest)),
-        true => Err(format!("the resource location {location:?} is not a file: URI")),
+        true => Err(format!("the resource location \"{location}\" is not a file: URI")),
     }
 }
 
@@ -116,6 +153,11 @@ pub(crate) fn read_resource(path: &Path) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn path(location: Option<&str>) -> Result<PathBuf, String> {
+        let location = location.map(|location| CString::new(location).unwrap());
+        Folder::Named(FmiVersion::Fmi2, location).path()
+    }
 
     #[test]
     fn all_forms_of_a_location_give_the_path() {

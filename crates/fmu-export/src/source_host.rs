@@ -62,13 +62,14 @@ pub(crate) unsafe extern "C" fn call_back(
 /// Reads a resource by the host, which has the files.
 pub(crate) fn read_resource(folder: &Folder, name: &Path) -> Result<String, String> {
     let text = |path: &Path| path.to_str().map(c_text).ok_or("its name is not UTF-8");
+    let folder = folder.path();
     let path = folder.as_ref().map(|folder| text(&folder.join(name)));
     let (path, name) = (path.ok().transpose()?, text(name)?);
     let path = path.as_ref().map_or(null(), |path| path.as_ptr());
     // SAFETY: the host provides these functions; the texts and the memory for the content outlive the calls.
     let bytes = unsafe {
         let size = usize::try_from(resource_size(path, name.as_ptr()));
-        let size = size.map_err(|_| match folder {
+        let size = size.map_err(|_| match &folder {
             Ok(folder) => format!("there is no such file in {}", folder.display()),
             Err(reason) => reason.clone(),
         })?;

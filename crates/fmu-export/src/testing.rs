@@ -21,6 +21,7 @@ use crate::laid_out::LaidOut;
 use crate::log::{Heading, Log};
 use crate::model::Model;
 use crate::pointers::Pointer;
+use crate::resources::Folder;
 use crate::single_instance::Place;
 use crate::values::HostValue;
 
@@ -48,7 +49,7 @@ pub struct DrivenInstance(Box<HostedInstance>);
 #[doc(hidden)]
 pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
     let resources = Err("the test has set no folder of resources".to_owned());
-    let settings = Settings::new(&EDGE, Log::new(None, false), resources);
+    let settings = Settings::new(&EDGE, Log::new(None, false), Folder::Known(resources));
     let naming = Naming::chosen(None, M::NAMING);
     let identity = Identity { guid: &[0; GUID_LENGTH], variant: None, naming };
     let model = LaidOut::<M, N>::with_model(model, naming);
@@ -159,7 +160,7 @@ impl<M: Drive> Driver<M> {
     /// The same with the folder in which the model finds its resources.
     #[must_use]
     pub fn with_resources(mut self, folder: impl Into<PathBuf>) -> Self {
-        self.hosted.instance.shared.settings.resources = Ok(folder.into());
+        self.hosted.instance.shared.settings.resources = Folder::Known(Ok(folder.into()));
         self
     }
 

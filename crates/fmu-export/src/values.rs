@@ -7,6 +7,7 @@ use fmi_abi::FmiVersion;
 use fmi_abi::state::State;
 use fmu_description::ScalarVariable;
 use fmu_description::table::Declaration;
+use fmu_description::value::Whole;
 use fmu_description::{Causality, Dynamics, Type, Value, Variability};
 
 use crate::error::{ModelError, ensure, refused};
@@ -26,9 +27,13 @@ impl HostValue {
     /// The value, if a variable may have it; otherwise, how to show what was given.
     fn within(self, field: &Declaration) -> Result<Value, String> {
         let of_type = field.start.of_type();
+        let whole;
         let (value, shown): (_, &dyn Display) = match self {
             Self::Real(ref value) => (Value::real(of_type, *value), value),
-            Self::Whole(ref value) => (Value::whole(of_type, *value), value),
+            Self::Whole(value) => {
+                whole = Whole(value);
+                (Value::whole(of_type, value), &whole)
+            }
             Self::Other(value) => return value,
         };
         let mut items = field.start.items().iter();
@@ -358,7 +363,7 @@ pub(crate) fn unknown(end: u32, reference: u32) -> ModelError {
 /// Why a value of a variable of the right type cannot be got: only FMI 2.0 has too few types.
 #[cold]
 fn does_not_fit(scalar: &ScalarVariable, value: Option<i128>) -> ModelError {
-    let value = value.unwrap_or_default();
+    let value = Whole(value.unwrap_or_default());
     ModelError::refuse(format_args!(
         "{} = {value} does not fit into an Integer of FMI 2.0; expected a value from {} to {}",
         scalar.name(),

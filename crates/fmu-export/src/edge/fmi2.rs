@@ -22,7 +22,7 @@ use crate::instance::{Edge, Instance, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
 use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
-use crate::resources;
+use crate::resources::Folder;
 
 static EDGE: Edge = Edge {
     version: FmiVersion::Fmi2,
@@ -93,10 +93,7 @@ pub(super) unsafe fn create(
             "the type is {other}; expected fmi2ModelExchange (0) or fmi2CoSimulation (1)"
         )),
     };
-    let resources = match location.map(CStr::to_str).transpose() {
-        Ok(location) => resources::path(location),
-        Err(_) => Err(format!("the resource location {location:?} is not UTF-8")),
-    };
+    let resources = Folder::named(FmiVersion::Fmi2, location);
     let settings = Settings::new(&EDGE, log, resources);
     super::instantiate("fmi2Instantiate", models, (name, guid), instance_type, settings)
 }

@@ -12,8 +12,7 @@
 )]
 
 use std::borrow::BorrowMut;
-use std::ffi::{CStr, c_int};
-use std::path::PathBuf;
+use std::ffi::c_int;
 use std::rc::Rc;
 
 pub use fmi_abi::fmi3::*;
@@ -82,7 +81,7 @@ pub unsafe fn instantiate_model_exchange(
     let log = Log::new(sink(environment, log_message), logging_on != fmi3False);
     // SAFETY: the caller's promise.
     let [name, token, path] = unsafe { [text(name), text(token), text(resources)] };
-    let settings = Settings::new(&EDGE, log, folder(path));
+    let settings = Settings::new(&EDGE, log, Folder::named(FmiVersion::Fmi3, path));
     let (function, instance_type) =
         ("fmi3InstantiateModelExchange", Ok(InstanceType::ModelExchange));
     instantiate(function, models, (name, token), instance_type, settings)
@@ -125,7 +124,7 @@ pub unsafe fn instantiate_co_simulation(
             Rc::new(move |update| unsafe { call_back(function, environment, update) }) as Rc<_>
         }),
         intermediate_variables: variables.unwrap_or_default().to_vec(),
-        ..Settings::new(&EDGE, log, folder(path))
+        ..Settings::new(&EDGE, log, Folder::named(FmiVersion::Fmi3, path))
     };
     let function = "fmi3InstantiateCoSimulation";
     instantiate(function, models, (name, token), instance_type, settings)
@@ -152,16 +151,6 @@ pub unsafe fn instantiate_scheduled_execution(
     let message = format_args!("fmi3InstantiateScheduledExecution: {SCHEDULED}");
     log.send(LogCategory::Error, message);
     std::ptr::null_mut()
-}
-
-/// The folder of the resources, which is a path and not a URI in FMI 3.0.
-fn folder(path: Option<&CStr>) -> Folder {
-    let path = path.filter(|path| !path.is_empty());
-    let path = path.ok_or("the host passed no resource path")?;
-    match path.to_str() {
-        Ok(path) => Ok(PathBuf::from(path)),
-        Err(_) => Err(format!("the resource path {path:?} is not UTF-8")),
-    }
 }
 
 /// Forwards messages to the host's logger, if the host provides one.

@@ -14,6 +14,7 @@ use crate::lifecycle::InstanceType;
 use crate::log::{self, Log, Sink};
 use crate::needs::new_co_simulation;
 use crate::pointers::Pointer;
+use crate::resources::Folder;
 
 #[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
 unsafe extern "C" {
@@ -132,7 +133,7 @@ fn settings(name: &CStr, logging_on: bool) -> Settings {
     let log = Log::new(Some(sink(name)), logging_on);
     let folder =
         "a component has no folder of resources; expected a text read with `read_resource`";
-    Settings::new(&EDGE, log, Err(folder.into()))
+    Settings::new(&EDGE, log, Folder::Known(Err(folder.into())))
 }
 
 /// Forwards messages to the host.
