@@ -11,7 +11,7 @@ pub struct Row<'a> {
 /// The longest string that every compiler reads has 4095 bytes; this one is easier to read.
 const ROW: usize = 1024;
 /// A gap of so many zeros begins another row.
-const GAP: usize = 24;
+const GAP: usize = 16;
 
 /// Splits a segment into rows, without long gaps of zeros.
 pub fn rows(address: u32, bytes: &[u8]) -> Vec<Row<'_>> {

@@ -253,6 +253,17 @@ impl Expression {
             let text = format!("~{}", self.typed(Level::Unary));
             return Self::new(text, Level::Unary, value_type, &[&self]);
         }
+        // The sum of a variable and two numbers.
+        if let ("+", ValType::I32, Some(more)) = (operator, value_type, other.constant)
+            && let (Level::Sum, [name]) = (self.level, self.variables.as_slice())
+            && let Some(number) =
+                self.text.strip_prefix(name).and_then(|text| text.strip_prefix(" + "))
+            && let Ok(number) = number.parse::<u32>()
+        {
+            let sum = u64::from(number.wrapping_add(more as u32));
+            let variable = Self::variable(name.clone(), value_type);
+            return variable.binary("+", Self::constant(value_type, sum));
+        }
         let (level, left, right) = match operator {
             "+" | "-" => (Level::Sum, Level::Sum, Level::Product),
             "*" | "/" => (Level::Product, Level::Product, Level::Unary),

@@ -11,11 +11,14 @@ impl Facts {
         self.0.get(name).copied().unwrap_or(0)
     }
 
-    /// The variable of an address and the offset from it, if at least `end` bytes from the address on are known to be
-    /// inside.
-    pub fn place<'a>(&self, address: &'a str, end: u64) -> Option<(&'a str, u64)> {
-        let (name, offset) = split(address)?;
-        (self.inside(name) >= offset + end).then_some((name, offset))
+    /// The variable and the offset of an address such as `n3` or `n3 + 8`, if the variable is known to be inside, so
+    /// that the sum does not overflow.
+    pub fn sum<'a>(&self, address: &'a str) -> Option<(&'a str, u64)> {
+        let (name, offset) = match address.split_once(" + ") {
+            Some((name, offset)) => (name, offset.parse().ok()?),
+            None => (address, 0),
+        };
+        (self.inside(name) > 0).then_some((name, offset))
     }
 
     pub fn set_inside(&mut self, name: &str, end: u64) {
@@ -24,7 +27,8 @@ impl Facts {
 
     /// The variable has another value now.
     pub fn set(&mut self, name: &str, value: &str) {
-        let end = split(value).map_or(0, |(from, offset)| self.inside(from).saturating_sub(offset));
+        let end =
+            self.sum(value).map_or(0, |(from, offset)| self.inside(from).saturating_sub(offset));
         self.forget(name);
         if end > 0 {
             self.set_inside(name, end);
@@ -42,13 +46,5 @@ impl Facts {
             *end = (*end).min(other.inside(name));
             *end > 0
         });
-    }
-}
-
-/// The variable and the offset of an address such as `n3` or `n3 + 8`.
-fn split(address: &str) -> Option<(&str, u64)> {
-    match address.split_once(" + ") {
-        Some((name, offset)) => Some((name, offset.parse().ok()?)),
-        None => Some((address, 0)),
     }
 }

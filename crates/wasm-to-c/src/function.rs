@@ -345,8 +345,15 @@ impl<'a> Function<'a> {
         {
             return (Expression::constant(ValType::I32, address + offset), 0);
         }
-        if let Some((name, more)) = self.facts.place(&base.text, end) {
-            return (Expression::variable(name.to_owned(), ValType::I32), offset + more);
+        let (base, offset, end) = match self.facts.sum(&base.text) {
+            Some((name, more)) if end + more <= size => {
+                let variable = Expression::variable(name.to_owned(), ValType::I32);
+                (variable, offset + more, end + more)
+            }
+            _ => (base, offset, end),
+        };
+        if self.facts.inside(&base.text) >= end {
+            return (base, offset);
         }
         let base = if base.constant.is_some() {
             // The compiler would see that the check always fails.

@@ -1,11 +1,11 @@
 /* @DESCRIPTION@: the model, translated from WebAssembly to C.
 
    The model was written in Rust. The Rust compiler optimized it and compiled it to a WebAssembly module, and each
-   function of the module is a function here: its comment is its path in Rust. Names of variables, types and lines are
-   lost on the way, and many functions of Rust were inlined in others. The state of an instance is in `memory`, at the
-   addresses that the compiler chose: `F64(a0, 16)` is a field 16 bytes from the beginning of the struct at the address
-   a0, and `SET_F64(a0, 16, x)` changes it. a0, a1, ... are parameters; n, w, s and x are local variables (u32, u64, f32
-   and f64); t, r and p are values in between.
+   function of the module is a function here: its comment is its path in Rust, where it is the first of that path.
+   Names of variables, types and lines are lost on the way, and many functions of Rust were inlined in others. The
+   state of an instance is in `memory`, at the addresses that the compiler chose: `F64(a0, 16)` is a field 16 bytes
+   from the beginning of the struct at the address a0, and `SET_F64(a0, 16, x)` changes it. a0, a1, ... are
+   parameters; n, w, s and x are local variables (u32, u64, f32 and f64); t, r and p are values in between.
 
    All addresses are checked. A trap (see model.h) ends the instance: all functions return up to the caller.
    Floating-point numbers are computed as IEEE 754 says it, operation by operation, so that the results are the same

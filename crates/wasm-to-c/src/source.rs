@@ -57,11 +57,12 @@ pub fn translate(module: &[u8], options: &Options) -> Result<CSource, Error> {
     let exports = name_exports(&module)?;
 
     let mut body = String::new();
-    let mut defined = BTreeSet::new();
+    let (mut defined, mut described) = (BTreeSet::new(), BTreeSet::new());
     let mut definitions = String::new();
     let mut early = BTreeSet::new();
     for &index in &calls.order {
-        if let Some(path) = paths.get(&index) {
+        // The names of functions with the same path differ only in their numbers.
+        if let Some(path) = paths.get(&index).filter(|path| described.insert(*path)) {
             let _ = writeln!(definitions, "/* {} */", path.replace("*/", "* /"));
         }
         definitions.push_str(&Function::translate(&module, &calls, &names, index)?);
@@ -233,26 +234,23 @@ fn dispatchers(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) ->
 
 /// The function that initializes an instance.
 fn initialization(module: &Module, calls: &Calls, names: &BTreeMap<u32, String>) -> String {
-    let (mut constants, mut lines) = (String::new(), String::new());
+    let mut lines = String::new();
     for (index, global) in module.globals.iter().enumerate() {
         let _ = writeln!(lines, "\tm->g{index} = {};", literal(global.value_type, global.value).0);
     }
     let rows = module.segments.iter().flat_map(|segment| rows(segment.address, segment.bytes));
-    for (index, row) in rows.enumerate() {
+    for row in rows {
+        let pieces = row.bytes.chunks(64).map(|piece| format!("\"{}\"", string(piece)));
+        let bytes = pieces.collect::<Vec<_>>().join("\n\t\t");
         let size = row.bytes.len();
-        let _ = write!(constants, "static const char data{index}[{}] =", size + 1);
-        for piece in row.bytes.chunks(64) {
-            let _ = write!(constants, "\n\"{}\"", string(piece));
-        }
-        constants.push_str(";\n");
-        let _ = writeln!(lines, "\tmemcpy(m->memory + {}, data{index}, {size});", row.address);
+        let _ = writeln!(lines, "\tmemcpy(m->memory + {}, {bytes}, {size});", row.address);
     }
     if let Some(start) = module.start {
         let model = if calls.traits[&start].needs_model { "m" } else { "" };
         let _ = writeln!(lines, "\t{}({model});", names[&start]);
     }
     format!(
-        "{constants}\nvoid MODEL(init)(Model *m) {{\n\tm->trap = MODEL_TRAP_NONE;\n\tm->depth = 0;\n\t\
+        "void MODEL(init)(Model *m) {{\n\tm->trap = MODEL_TRAP_NONE;\n\tm->depth = 0;\n\t\
          m->pages = {};\n\tmemset(m->memory, 0, MODEL_MEMORY_SIZE);\n{lines}}}\n",
         module.pages
     )

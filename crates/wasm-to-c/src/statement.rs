@@ -59,6 +59,9 @@ use Statement::{Block, Call, Check, Exit, Goto, If, Line, Loop, Switch};
 /// Deeper statements are not indented any more; compilers allow 127 levels.
 const DEEPEST: usize = 16;
 
+/// What follows a jump under a condition becomes an `if` up to here; deeper it stays behind the jump.
+const DEEPEST_REST: usize = 6;
+
 /// Where a statement is.
 #[derive(Clone, Copy)]
 struct Place<'a> {
@@ -67,8 +70,8 @@ struct Place<'a> {
     next: &'a [u32],
     /// The label of the innermost loop, where `continue` goes.
     next_turn: Option<u32>,
-    /// The labels behind the innermost loop, where `break` goes.
-    behind_loop: &'a [u32],
+    /// The labels behind the innermost loop or switch, where `break` goes.
+    behind: &'a [u32],
 }
 
 /// Writes statements, and remembers which labels they need.
@@ -84,7 +87,7 @@ impl Writer {
     /// Writes the body of a function.
     pub fn function(body: Vec<Statement>) -> String {
         let mut writer = Writer::default();
-        writer.list(body, Place { depth: 1, next: &[], next_turn: None, behind_loop: &[] });
+        writer.list(body, Place { depth: 1, next: &[], next_turn: None, behind: &[] });
         writer.text
     }
 
@@ -114,7 +117,7 @@ impl Writer {
             match statement {
                 // What follows a jump to the end is what happens if the condition fails.
                 Goto { condition: Some(condition), label }
-                    if !last && place.next.contains(&label) && place.depth < DEEPEST =>
+                    if !last && place.next.contains(&label) && place.depth < DEEPEST_REST =>
                 {
                     let condition = Condition { holds: condition.fails, fails: condition.holds };
                     let rest = If { condition, then: statements.collect(), otherwise: Vec::new() };
@@ -123,7 +126,7 @@ impl Writer {
                 If { condition, mut then, otherwise }
                     if !last
                         && otherwise.is_empty()
-                        && place.depth < DEEPEST
+                        && place.depth < DEEPEST_REST
                         && matches!(then.last(), Some(Goto { condition: None, label }) if place.next.contains(label)) =>
                 {
                     then.pop();
@@ -198,8 +201,7 @@ impl Writer {
             }
             Switch { value, labels } => {
                 self.line(depth, &format!("switch ({value}) {{"));
-                // `break` would leave the switch.
-                let inner = Place { behind_loop: &[], next: &[], ..place };
+                let inner = Place { behind: place.next, next: &[], ..place };
                 let (default, labels) = labels.split_last().expect("a switch has a default");
                 let targets: BTreeSet<u32> =
                     labels.iter().copied().filter(|label| label != default).collect();
@@ -228,7 +230,7 @@ impl Writer {
         if place.next_turn == Some(label) {
             return "continue;".into();
         }
-        if place.behind_loop.contains(&label) {
+        if place.behind.contains(&label) {
             return "break;".into();
         }
         self.labels.insert(label);
@@ -238,7 +240,7 @@ impl Writer {
     fn repeat(&mut self, label: u32, mut body: Vec<Statement>, place: Place) {
         let depth = place.depth;
         let inner =
-            Place { depth: depth + 1, next: &[], next_turn: Some(label), behind_loop: place.next };
+            Place { depth: depth + 1, next: &[], next_turn: Some(label), behind: place.next };
         // What ends with a jump back only under a condition is left if the condition fails.
         let ends = match body.pop() {
             Some(Goto { condition: Some(condition), label: back }) if back == label => {
