@@ -164,7 +164,9 @@ impl Instance {
             None => self.shared.lifecycle.start_time,
         };
         // A power of two near the cube root of the rounding error, so that a linear function has its exact slope.
-        let step = libm::exp2(libm::floor(libm::log2(start.abs().max(1e-3)))) * 2f64.powi(-17);
+        let magnitude = start.abs().max(1e-3);
+        let power_of_two = f64::from_bits(magnitude.to_bits() & f64::INFINITY.to_bits());
+        let step = power_of_two * 2f64.powi(-17);
         let bounds = by.map_or(Bounds::None, |by| by.variable.bounds);
         let [low, high] = [start - step, start + step].map(|value| {
             let allowed = bounds.contain(&Value::Float64(value));

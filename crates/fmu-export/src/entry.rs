@@ -16,7 +16,7 @@ use crate::lifecycle::InstanceType;
 use crate::model::Model;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use crate::needs::Needs;
-use crate::pointers::Pointer;
+use crate::pointers::{Pointer, readable};
 #[cfg(all(target_arch = "wasm32", feature = "sources"))]
 use crate::source_needs::Needs;
 
@@ -183,12 +183,13 @@ impl Entry {
             FmiVersion::Fmi2 => "GUID",
             FmiVersion::Fmi3 => "instantiation token",
         };
-        let guid = guid.ok_or_else(|| format!("the {what} is missing"))?.to_string_lossy();
-        let model = models.iter().find(|m| m.guid() == guid).ok_or_else(|| {
+        let guid = guid.ok_or_else(|| format!("the {what} is missing"))?.to_bytes();
+        let model = models.iter().find(|m| m.guid == guid).ok_or_else(|| {
             let known: Vec<String> =
                 models.iter().map(|m| format!("{} {}", m.name(), m.guid())).collect();
             format!(
-                "the {what} {guid} belongs to another FMU or version; this binary has: {}",
+                "the {what} {} belongs to another FMU or version; this binary has: {}",
+                readable(guid),
                 known.join(", ")
             )
         })?;

@@ -6,13 +6,14 @@ use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, c_int};
 use std::fmt::{Arguments, Debug, Display, Formatter};
 use std::mem;
-use std::panic::{AssertUnwindSafe, Location, PanicHookInfo, catch_unwind};
+use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
 use std::rc::Rc;
 use std::sync::Once;
 
 use fmu_description::{LogCategory, OwnCategory};
 
 use crate::error::ModelError;
+use crate::pointers::readable;
 
 /// Sets of categories, as bits.
 type Categories = u32;
@@ -204,9 +205,9 @@ fn categories_named(name: &CStr, has_log: bool, own: &[OwnCategory]) -> Option<C
 fn unknown(category: &CStr, has_log: bool, own: &[OwnCategory]) -> ModelError {
     let known = LogCategory::of_model(has_log).map(LogCategory::name);
     let known = known.chain(own.iter().map(|own| own.name));
-    let known: Vec<_> = known.map(|name| name.to_string_lossy().into_owned()).collect();
+    let known: Vec<_> = known.map(|name| readable(name.to_bytes()).into_owned()).collect();
     let known = known.join(", ");
-    let category = category.to_string_lossy();
+    let category = readable(category.to_bytes());
     ModelError::refuse(format_args!(
         "log category \"{category}\" is unknown; expected one of {known}"
     ))
@@ -218,20 +219,19 @@ thread_local! {
 }
 
 /// Keeps panic messages off stderr, as they go to the logger. The hook belongs to this library's own copy of `std`, so the
-/// host's hook is unaffected. `report` is for panics that cannot be caught.
+/// host's hook is unaffected.
 pub(crate) fn silence_panics<F: Fn(&PanicHookInfo<'_>) + Send + Sync + 'static>(report: F) {
     const { assert!(size_of::<F>() == 0, "a hook is never freed, so it must not allocate") };
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        std::panic::set_hook(Box::new(move |panic| {
-            remember(panic.location());
-            report(panic);
-        }));
+        std::panic::set_hook(Box::new(report));
     });
 }
 
-fn remember(place: Option<&Location<'_>>) {
-    let place = place.map(ToString::to_string);
+/// Remembers where a panic happened, for the function that catches it.
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) fn remember_place(panic: &PanicHookInfo<'_>) {
+    let place = panic.location().map(ToString::to_string);
     // A panic during the exit of the thread has no place to be remembered.
     let _ = LAST.try_with(|last| {
         if let Ok(mut last) = last.try_borrow_mut() {

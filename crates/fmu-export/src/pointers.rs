@@ -1,5 +1,6 @@
 //! Pointers of a host, and the arrays and texts behind them.
 
+use std::borrow::Cow;
 use std::ffi::{CStr, CString, c_char, c_void};
 
 /// A pointer to an instance.
@@ -49,6 +50,14 @@ pub(crate) unsafe fn text<'a>(text: *const c_char) -> Option<&'a CStr> {
 pub(crate) unsafe fn texts<'a>(pointers: &[*const c_char]) -> Vec<Option<&'a CStr>> {
     // SAFETY: the caller's promise.
     pointers.iter().map(|&pointer| unsafe { text(pointer) }).collect()
+}
+
+/// A text of the host for a message, with escapes if it is not UTF-8.
+pub(crate) fn readable(text: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(text) {
+        Ok(text) => text.into(),
+        Err(_) => text.escape_ascii().to_string().into(),
+    }
 }
 
 /// A text for C, where strings end at a zero byte. Our messages have none, but they may quote the host.

@@ -13,6 +13,7 @@ use fmi_abi::FmiVersion;
 
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use crate::canonical::{Answer, Text, slice};
+use crate::pointers::readable;
 
 #[cfg(all(target_arch = "wasm32", feature = "sources"))]
 pub(crate) use crate::source_host::read_resource;
@@ -46,7 +47,7 @@ impl Folder {
         };
         let text = text.ok_or_else(|| format!("the host passed no resource {what}"))?;
         let text = text.to_str().map_err(|_| {
-            format!("the resource {what} \"{}\" is not UTF-8", text.to_bytes().escape_ascii())
+            format!("the resource {what} \"{}\" is not UTF-8", readable(text.to_bytes()))
         })?;
         match version {
             FmiVersion::Fmi2 => path_of(text),

@@ -10,6 +10,7 @@ use crate::clock::RateClocks;
 use crate::error::{ModelError, ensure};
 use crate::instance::{Guid, Instance};
 use crate::lifecycle::Lifecycle;
+use crate::pointers::readable;
 use crate::saved::Saved;
 
 /// The first bytes of a serialized state.
@@ -78,8 +79,8 @@ impl Instance {
         ensure!(
             self.model.assign(snapshot.model.as_ref()),
             "the state belongs to the model {}, not to {}",
-            text(&snapshot.guid),
-            text(shared.guid)
+            readable(&snapshot.guid),
+            readable(shared.guid)
         );
         shared.lifecycle = snapshot.lifecycle;
         shared.clocks.clone_from(&snapshot.clocks);
@@ -125,8 +126,8 @@ impl Instance {
         ensure!(
             format == expected_format && guid == expected,
             "the bytes are a state of the model {}, format {format:08x}; expected {}, format {expected_format:08x}",
-            text(guid),
-            text(expected)
+            readable(guid),
+            readable(expected)
         );
         let mut loader = StateReader::new(payload);
         let lifecycle = Lifecycle::load(&mut loader).map_err(|_| damaged())?;
@@ -148,8 +149,4 @@ impl Instance {
         }
         Ok(Snapshot { guid: *expected, lifecycle, clocks, starts, model })
     }
-}
-
-fn text(guid: &[u8]) -> String {
-    String::from_utf8_lossy(guid).into_owned()
 }

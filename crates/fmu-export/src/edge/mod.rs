@@ -19,7 +19,7 @@ use crate::entry::Entry;
 use crate::error::ModelError;
 use crate::instance::{Instance, Settings};
 use crate::lifecycle::InstanceType;
-use crate::pointers::{Pointer, c_text, texts};
+use crate::pointers::{Pointer, c_text, readable, texts};
 use crate::values::HostValue;
 
 /// Defines the entry points of a version from the rows of its functions that have an instance.
@@ -177,7 +177,7 @@ fn instantiate(
     settings: Settings,
 ) -> Pointer {
     #[cfg(not(target_arch = "wasm32"))]
-    crate::log::silence_panics(|_| {});
+    crate::log::silence_panics(crate::log::remember_place);
     let log = settings.log.clone();
     let made = catch_unwind(AssertUnwindSafe(|| {
         let version = settings.edge.version;
@@ -263,7 +263,7 @@ impl Instance {
         let given = |i: usize| {
             HostValue::Other(match values[i].map(|text| (text, text.to_str())) {
                 Some((_, Ok(text))) => Ok(Value::String(text.to_owned())),
-                Some((text, Err(_))) => Err(format!("\"{}\"", text.to_bytes().escape_ascii())),
+                Some((text, Err(_))) => Err(format!("\"{}\"", readable(text.to_bytes()))),
                 None => Err("NULL".into()),
             })
         };
