@@ -1,6 +1,6 @@
 //! What is known of addresses in variables, so that each is checked once.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// How many bytes from the address in a variable on are known to be in memory, at one place of a function.
 #[derive(Clone, Default)]
@@ -46,5 +46,28 @@ impl Facts {
             *end = (*end).min(other.inside(name));
             *end > 0
         });
+    }
+}
+
+/// How many bytes from each argument on are in memory wherever functions are called, by the index of a function.
+#[derive(Clone, Default, PartialEq)]
+pub struct Arguments(BTreeMap<u32, Vec<u64>>);
+
+impl Arguments {
+    pub fn of(&self, function: u32) -> impl Iterator<Item = u64> {
+        self.0.get(&function).into_iter().flatten().copied()
+    }
+
+    /// Another call of the function.
+    pub fn add(&mut self, function: u32, call: Vec<u64>) {
+        let known = self.0.entry(function).or_insert_with(|| call.clone());
+        for (known, end) in known.iter_mut().zip(call) {
+            *known = (*known).min(end);
+        }
+    }
+
+    /// The function is called from elsewhere, too.
+    pub fn forget(&mut self, function: u32) {
+        self.0.remove(&function);
     }
 }

@@ -7,7 +7,7 @@ use wasmparser::{BlockType, FuncType, Operator, ValType};
 use crate::Error;
 use crate::calls::Calls;
 use crate::expression::{Expression, Level, c_type, signature};
-use crate::facts::Facts;
+use crate::facts::{Arguments, Facts};
 use crate::locals::Locals;
 use crate::memory::{Access, access};
 use crate::module::{Module, number};
@@ -54,6 +54,8 @@ pub struct Function<'a> {
     frames: Vec<Frame>,
     statements: Vec<Statement>,
     facts: Facts,
+    /// What is known of the arguments of the functions that are called.
+    passed: &'a mut Arguments,
     /// The checks since the last label or jump, which a later check extends: a trap may be found earlier than in
     /// WebAssembly, but in no other case.
     checks: HashMap<String, usize>,
@@ -76,11 +78,13 @@ const BAD_CONVERSION: &str = "BAD_CONVERSION";
 const TOO_DEEP: &str = "TOO_DEEP";
 
 impl<'a> Function<'a> {
-    /// The definition of a function in C.
+    /// The definition of a function in C, given what is known of arguments. Adds to what is passed to other functions.
     pub fn translate(
         module: &'a Module<'a>,
         calls: &'a Calls,
         names: &'a BTreeMap<u32, String>,
+        arguments: &Arguments,
+        passed: &'a mut Arguments,
         index: u32,
     ) -> Result<String, Error> {
         let body = &module.bodies[index as usize - module.imports.len()];
@@ -104,12 +108,17 @@ impl<'a> Function<'a> {
             frames: Vec::new(),
             statements: Vec::new(),
             facts: Facts::default(),
+            passed,
             checks: HashMap::new(),
             variables: Vec::new(),
             labels: 0,
             temporaries: 0,
             traps: BTreeSet::new(),
         };
+        for (parameter, end) in (0..).zip(arguments.of(index)).filter(|&(_, end)| end > 0) {
+            let name = function.local_name(parameter);
+            function.facts.set_inside(&name, end);
+        }
         function.body(&operators)?;
         Ok(function.definition())
     }
@@ -716,6 +725,15 @@ impl<'a> Function<'a> {
         }
     }
 
+    /// How many bytes from an address on are known to be in memory.
+    fn inside(&self, address: &Expression) -> u64 {
+        match (address.constant, self.facts.sum(&address.text)) {
+            (Some(address), _) => self.module.memory_size.saturating_sub(address),
+            (None, Some((name, offset))) => self.facts.inside(name).saturating_sub(offset),
+            (None, None) => 0,
+        }
+    }
+
     /// The parameters and the results of a block.
     fn block_type(&self, block_type: BlockType) -> Result<(Vec<ValType>, Vec<ValType>), Error> {
         let types = match block_type {
@@ -787,6 +805,9 @@ impl<'a> Function<'a> {
                 let traits = &self.calls.traits[function_index];
                 let function_type = self.module.function_type(*function_index);
                 let name = &self.names[function_index];
+                let first = self.stack.len() - function_type.params().len();
+                let inside = self.stack[first..].iter().map(|argument| self.inside(argument));
+                self.passed.add(*function_index, inside.collect());
                 self.call(name, function_type, traits.needs_model, traits.traps, None);
             }
             Operator::CallIndirect { type_index, table_index: 0 } => {

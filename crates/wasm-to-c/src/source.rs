@@ -9,6 +9,7 @@ use crate::Error;
 use crate::calls::Calls;
 use crate::data::{literal, rows, string};
 use crate::expression::signature;
+use crate::facts::Arguments;
 use crate::function::Function;
 use crate::module::Module;
 use crate::names::{Identifiers, mentions, rust_path, sanitized};
@@ -16,6 +17,9 @@ use crate::names::{Identifiers, mentions, rust_path, sanitized};
 const HEADER: &str = include_str!("model.h");
 const HEAD: &str = include_str!("head.c");
 const RUNTIME: &str = include_str!("runtime.c");
+
+/// How often functions are translated at most, to know more of their arguments.
+const TURNS: usize = 4;
 
 /// How a module is translated.
 #[derive(Clone, Debug, Default)]
@@ -56,17 +60,43 @@ pub fn translate(module: &[u8], options: &Options) -> Result<CSource, Error> {
     let (names, paths) = name_functions(&module, &calls);
     let exports = name_exports(&module)?;
 
+    // Each turn knows more of the arguments than the one before.
+    let (mut arguments, mut functions) = (Arguments::default(), Vec::new());
+    for _ in 0..TURNS {
+        let mut passed = Arguments::default();
+        functions.clear();
+        for &index in &calls.order {
+            functions.push(Function::translate(
+                &module,
+                &calls,
+                &names,
+                &arguments,
+                &mut passed,
+                index,
+            )?);
+        }
+        for &index in module.exports.iter().map(|(_, index)| index).chain(&module.start) {
+            passed.forget(index);
+        }
+        for &index in calls.pointers.values().flat_map(BTreeMap::keys) {
+            passed.forget(index);
+        }
+        if arguments == passed {
+            break;
+        }
+        arguments = passed;
+    }
+
     let mut body = String::new();
     let (mut defined, mut described) = (BTreeSet::new(), BTreeSet::new());
     let mut definitions = String::new();
     let mut early = BTreeSet::new();
-    for &index in &calls.order {
+    for (&index, definition) in calls.order.iter().zip(&functions) {
         // The names of functions with the same path differ only in their numbers.
         if let Some(path) = paths.get(&index).filter(|path| described.insert(*path)) {
             let _ = writeln!(definitions, "/* {} */", path.replace("*/", "* /"));
         }
-        definitions.push_str(&Function::translate(&module, &calls, &names, index)?);
-        definitions.push('\n');
+        let _ = writeln!(definitions, "{definition}");
         defined.insert(index);
         early.extend(calls.callees(index).filter(|callee| !defined.contains(callee)));
     }

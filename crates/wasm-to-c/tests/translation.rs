@@ -130,3 +130,23 @@ fn a_memory_that_is_too_small_is_refused() {
     assert!(!output.status.success());
     assert!(String::from_utf8_lossy(&output.stderr).contains("5008"));
 }
+
+#[test]
+fn an_address_that_every_caller_has_checked_is_not_checked_again() {
+    let checks = |second_call: &str| {
+        let text = format!(
+            "(module
+              (memory 1)
+              (func $load (param i32) (result i32) (i32.load offset=4 (local.get 0)))
+              (func (export \"first\") (param i32) (result i32)
+                (i32.add (i64.eqz (i64.load (local.get 0))) (call $load (local.get 0))))
+              (func (export \"second\") (param i32) (result i32) {second_call}))"
+        );
+        let source = translated(&text).expect("the module can be translated").source;
+        let lines = source.lines().filter(|line| line.starts_with('\t'));
+        lines.filter(|line| line.contains("CHECK(")).count()
+    };
+    assert_eq!(checks("(call $load (i32.const 16))"), 1);
+    assert_eq!(checks("(call $load (local.get 0))"), 2);
+    assert_eq!(checks("(call $load (i32.const 65532))"), 2);
+}
