@@ -185,16 +185,13 @@ impl<M: AnyModel> Instance<M> {
 }
 
 impl Instance {
-    /// Runs the operation if the call is allowed in the current state, and logs failures.
+    /// Runs the operation, once, if the call is allowed in the current state, and logs failures.
     pub(crate) fn call(
         &mut self,
         call: &FmiFunction,
-        operation: impl FnOnce(&mut Self) -> Result<(), ModelError>,
+        mut operation: impl FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
-        let mut operation = Some(operation);
-        self.guard(call, &mut |instance| {
-            operation.take().map_or(Ok(()), |operation| operation(instance))
-        })
+        self.guard(call, &mut operation)
     }
 
     /// The code of [`call`](Self::call) that all calls share.

@@ -95,6 +95,7 @@ macro_rules! entry {
         exported! { $group
             #[doc = concat!("`", stringify!($name), "`")]
             #[allow(unused_variables, reason = "the slices have the lengths")]
+            #[allow(unused_mut, reason = "some arguments are pointers that may be NULL")]
             pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
                 let call = &calls::$name;
                 // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
@@ -103,7 +104,7 @@ macro_rules! entry {
                     let Some(instance) = instance_at(instance) else {
                         return $s(Status::Error as c_int);
                     };
-                    $(let $arg = match convert!($arg $kind) {
+                    $(let mut $arg = match convert!($arg $kind) {
                         Ok(arg) => arg,
                         Err(why) => return $s(instance.refuse(call, why) as c_int),
                     };)*
@@ -148,11 +149,14 @@ macro_rules! convert {
 
 /// Calls a method with all arguments but the lengths.
 macro_rules! apply {
-    ($instance:ident.$method:ident [$($done:ident)*]) => { $instance.$method($($done),*) };
-    ($instance:ident.$method:ident [$($done:ident)*] $n:ident: [len], $($rest:tt)*) => {
+    ($instance:ident.$method:ident [$($done:tt)*]) => { $instance.$method($($done),*) };
+    ($instance:ident.$method:ident [$($done:tt)*] $n:ident: [len], $($rest:tt)*) => {
         apply!($instance.$method [$($done)*] $($rest)*)
     };
-    ($instance:ident.$method:ident [$($done:ident)*] $arg:ident: $kind:tt, $($rest:tt)*) => {
+    ($instance:ident.$method:ident [$($done:tt)*] $arg:ident: [out? $($kind:tt)*], $($rest:tt)*) => {
+        apply!($instance.$method [$($done)* ($arg.as_deref_mut())] $($rest)*)
+    };
+    ($instance:ident.$method:ident [$($done:tt)*] $arg:ident: $kind:tt, $($rest:tt)*) => {
         apply!($instance.$method [$($done)* $arg] $($rest)*)
     };
 }
@@ -228,7 +232,7 @@ impl Instance {
         let given = |i: usize| {
             HostValue::Other(match values[i].into() {
                 value @ (0 | 1) => Ok(Value::Boolean(value == 1)),
-                other => Err(other.to_string()),
+                other => Err(format!("{other}")), // less code than `to_string`
             })
         };
         self.set_of_type(Type::Boolean, references, values.len(), &given)

@@ -220,7 +220,7 @@ unsafe extern "C" fn set_debug_logging(
 unsafe fn perform(
     instance: Pointer,
     operation: &FmiFunction,
-    method: impl FnOnce(&mut Instance) -> Result<(), ModelError>,
+    method: impl FnMut(&mut Instance) -> Result<(), ModelError>,
 ) -> fmi3Status {
     // SAFETY: the caller's promise.
     let instance = unsafe { instance_at(instance) };
