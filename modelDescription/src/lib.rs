@@ -37,6 +37,7 @@ pub mod interface;
 #[cfg(feature = "xml")]
 pub mod model;
 mod naming;
+mod number;
 #[cfg(feature = "table")]
 pub mod references;
 #[cfg(feature = "table")]
@@ -67,6 +68,7 @@ pub use fmi_abi::{FmiVersion, InterfaceType};
 pub use interface::{Interface, StartOverrides};
 #[cfg(feature = "xml")]
 pub use model::{ModelDescription, Unknown, XmlVariable};
+pub use number::Number;
 #[cfg(feature = "table")]
 pub use scalar::ScalarVariable;
 #[cfg(feature = "table")]

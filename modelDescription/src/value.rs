@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::Type;
+use crate::{Number, Type};
 
 /// Defines the values of all types.
 macro_rules! values {
@@ -127,8 +127,8 @@ impl fmt::Display for Whole {
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Float32(value) => write!(f, "{value:?}"),
-            Self::Float64(value) => write!(f, "{value:?}"),
+            Self::Float32(value) => fmt::Debug::fmt(&Number(*value), f),
+            Self::Float64(value) => fmt::Debug::fmt(&Number(*value), f),
             Self::Boolean(value) => value.fmt(f),
             Self::String(text) => f.write_str(text),
             Self::Binary(bytes) => bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}")),

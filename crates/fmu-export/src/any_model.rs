@@ -6,7 +6,8 @@ use std::iter::repeat_n;
 use dormand_prince::solver::{Advanced, Step, Workspace};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::{
-    Causality, Dynamics, Naming, StartOverrides, StateError, StateReader, StateWriter, Value,
+    Causality, Dynamics, Naming, Number, StartOverrides, StateError, StateReader, StateWriter,
+    Value,
 };
 
 use crate::error::ModelError;
@@ -289,7 +290,7 @@ fn became(name: &str, value: f64) -> ModelError {
         }
         false => "the simulation diverges, or a number was divided by zero",
     };
-    ModelError::new(format_args!("{name} became {value}: {cause}"))
+    ModelError::new(format_args!("{name} became {}: {cause}", Number(value)))
 }
 
 /// The numbers that a solver exchanges with a model, in the order of the table.

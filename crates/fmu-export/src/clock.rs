@@ -1,6 +1,6 @@
 //! Sample instants: when a sampled controller acts, independent of the host's communication steps.
 
-use fmu_description::{StateError, StateReader, StateWriter};
+use fmu_description::{Number, StateError, StateReader, StateWriter};
 
 use crate::error::ModelError;
 use crate::saved::{Saved, saved};
@@ -61,7 +61,8 @@ impl SampleClock {
         if !(ts > 0.0 && ts.is_finite() && rate.is_finite()) {
             let of = if name.is_empty() { "" } else { " of " };
             return Err(ModelError::new(format_args!(
-                "the sample time{of}{name} is {ts} s; expected a positive number"
+                "the sample time{of}{name} is {} s; expected a positive number",
+                Number(ts)
             )));
         }
         Ok(Self { start, ts, rate, next: BEFORE_FIRST_STEP })
@@ -168,7 +169,9 @@ fn check_count(samples: f64) -> Result<(), ModelError> {
     match samples > MAX_SAMPLES {
         false => Ok(()),
         true => Err(ModelError::discard(format_args!(
-            "the communication step contains {samples} sample instants, more than the maximum of {MAX_SAMPLES}"
+            "the communication step contains {} sample instants, more than the maximum of {}",
+            Number(samples),
+            Number(MAX_SAMPLES)
         ))),
     }
 }

@@ -2,7 +2,7 @@
 
 use fmi_abi::state::State;
 use fmu_description::table::{Bounds, Declaration};
-use fmu_description::{Causality, Dynamics, Type, Value};
+use fmu_description::{Causality, Dynamics, Number, Type, Value};
 
 use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure, refused};
@@ -109,7 +109,7 @@ impl Instance {
             })?;
         }
         if let Some(change) = direction.iter().find(|change| !change.is_finite()) {
-            return refused!("the direction contains {change}; expected finite numbers");
+            return refused!("the direction contains {}; expected finite numbers", Number(*change));
         }
         self.prepare_values(true)
     }
@@ -211,7 +211,8 @@ impl Instance {
             check_order(&name, order)?;
             ensure!(
                 value.is_finite(),
-                "the derivative of {name} = {value} is refused; expected a finite number"
+                "the derivative of {name} = {} is refused; expected a finite number",
+                Number(value)
             );
         }
         for (&reference, &value) in references.iter().zip(values) {

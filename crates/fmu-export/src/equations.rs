@@ -3,6 +3,7 @@
 
 use dormand_prince::solver;
 use fmi_abi::state::State;
+use fmu_description::Number;
 
 use crate::any_model::{AnyModel, SolverVector};
 use crate::error::{ModelError, Severity, ensure, refused};
@@ -73,7 +74,7 @@ impl Instance {
 
     /// Sets the time of model exchange.
     pub(crate) fn set_time(&mut self, time: f64) -> Result<(), ModelError> {
-        ensure!(time.is_finite(), "the time is {time:?}; expected a finite number");
+        ensure!(time.is_finite(), "the time is {:?}; expected a finite number", Number(time));
         let lifecycle = &mut self.shared.lifecycle;
         lifecycle.stale |= time != lifecycle.time;
         lifecycle.time = time;
@@ -83,7 +84,7 @@ impl Instance {
     pub(crate) fn set_continuous_states(&mut self, states: &[f64]) -> Result<(), ModelError> {
         self.check_length(SolverVector::States, states.len())?;
         if let Some(&value) = states.iter().find(|value| !value.is_finite()) {
-            return refused!("a state is {value}; expected finite numbers");
+            return refused!("a state is {}; expected finite numbers", Number(value));
         }
         if self.shared.lifecycle.state == State::Event {
             self.warn_once("states are set in event mode");

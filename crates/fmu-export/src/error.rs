@@ -4,6 +4,7 @@ use std::error::Error;
 use std::fmt::{self, Arguments, Display, Formatter};
 
 use dormand_prince::solver::SolverError;
+use fmu_description::Number;
 
 /// An error of a model, with a message for the user.
 ///
@@ -93,7 +94,7 @@ impl ModelError {
 
     /// The same error with a message that begins with the step.
     pub(crate) fn in_step(self, time: f64, step: f64) -> Self {
-        self.with_prefix(format_args!("from t = {time:?} s by {step:?} s"))
+        self.with_prefix(format_args!("from t = {:?} s by {:?} s", Number(time), Number(step)))
     }
 
     /// The message for the user.

@@ -1,6 +1,7 @@
 //! Initialization: the model at the start time, from the values that the host has set.
 
 use fmi_abi::state::State;
+use fmu_description::Number;
 
 use crate::clock::{RateClocks, SampleClock};
 use crate::error::{ModelError, Severity};
@@ -57,7 +58,7 @@ impl Instance {
         };
         model.check_equations().map_err(|error| {
             let reason = error.reason();
-            ModelError::new(format_args!("at t = {:?} s: {reason}", start.time))
+            ModelError::new(format_args!("at t = {:?} s: {reason}", Number(start.time)))
         })?;
         if info.is_integrated {
             shared.before = Some(model.copy());
@@ -92,7 +93,8 @@ fn tolerance(of_host: Option<f64>, of_model: f64) -> Result<f64, ModelError> {
     match of_host {
         Some(tolerance) if tolerance > 0.0 && tolerance.is_finite() => Ok(tolerance),
         Some(tolerance) => Err(ModelError::new(format_args!(
-            "the tolerance is {tolerance:?}; expected a positive number"
+            "the tolerance is {:?}; expected a positive number",
+            Number(tolerance)
         ))),
         // A model with a step of its own may have none.
         None if of_model == 0.0 => Ok(1e-6),

@@ -11,7 +11,7 @@ use dormand_prince::solver::Workspace;
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FmiVersion};
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{LogCategory, Naming, Variability};
+use fmu_description::{LogCategory, Naming, Number, Variability};
 
 use crate::any_model::{AnyModel, SolverVector, VariantStarts};
 use crate::clock::RateClocks;
@@ -298,11 +298,13 @@ impl Instance {
         stop: Option<f64>,
         tolerance: Option<f64>,
     ) -> Result<(), ModelError> {
-        ensure!(start.is_finite(), "the start time is {start}; expected a finite number");
+        ensure!(start.is_finite(), "the start time is {}; expected a finite number", Number(start));
         let stop = stop.unwrap_or(f64::MAX);
         ensure!(
             stop.is_finite() && stop >= start,
-            "the stop time is {stop}; expected a finite number, at least the start time {start}"
+            "the stop time is {}; expected a finite number, at least the start time {}",
+            Number(stop),
+            Number(start)
         );
         let lifecycle = &mut self.shared.lifecycle;
         lifecycle.start_time = start;

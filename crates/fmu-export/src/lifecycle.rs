@@ -2,7 +2,7 @@
 
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FunctionGroup};
-use fmu_description::LogCategory;
+use fmu_description::{LogCategory, Number};
 
 use crate::clock::SampleClock;
 use crate::error::{ModelError, ensure};
@@ -163,32 +163,45 @@ impl Lifecycle {
     ) -> Result<(), ModelError> {
         ensure!(
             step.is_finite() && step >= 0.0,
-            "the communication step is {step:?}; expected a finite number of at least 0"
+            "the communication step is {:?}; expected a finite number of at least 0",
+            Number(step)
         );
-        ensure!(time.is_finite(), "the communication point is {time:?}; expected a finite number");
+        ensure!(
+            time.is_finite(),
+            "the communication point is {:?}; expected a finite number",
+            Number(time)
+        );
         // Hosts accumulate or multiply times, with different rounding errors.
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
         let (start, end, stop) = (self.start_time, self.time, self.stop_time);
         let (is_first, late) = (end == BEFORE_FIRST_STEP, time - start);
         ensure!(
             is_first || (time - end).abs() <= tolerance,
-            "the communication point is {time:?}; expected {end}, where the last step ended"
+            "the communication point is {:?}; expected {}, where the last step ended",
+            Number(time),
+            Number(end)
         );
         // A sampled loop may start at its first sample.
         ensure!(
             !is_first || (-tolerance <= late && late <= step + tolerance),
-            "the first communication point is {time:?}; expected the start time {start}"
+            "the first communication point is {:?}; expected the start time {}",
+            Number(time),
+            Number(start)
         );
         let step_end = time + step;
         ensure!(
             step_end <= stop + tolerance,
-            "the step ends at {step_end:?}, past the stop time {stop:?}"
+            "the step ends at {:?}, past the stop time {:?}",
+            Number(step_end),
+            Number(stop)
         );
         if is_first && late > tolerance {
             log.send(
                 LogCategory::Warning,
                 format_args!(
-                    "{call}: the first step starts at {time}, not at the start time {start}"
+                    "{call}: the first step starts at {}, not at the start time {}",
+                    Number(time),
+                    Number(start)
                 ),
             );
         }

@@ -341,7 +341,8 @@ impl Stepping {
         }
         let requested = requested.filter(|time| update.can_return_early && time.is_finite());
         if let Some(requested) = requested {
-            self.end = requested.clamp(self.now, self.end);
+            // Not `clamp`, whose message brings the formatting of numbers of `std` into C sources.
+            self.end = requested.max(self.now).min(self.end);
         }
         match !update.set_requested || self.end <= self.now + self.tolerance {
             true => self.finish(),

@@ -8,7 +8,7 @@ use fmi_abi::state::State;
 use fmu_description::ScalarVariable;
 use fmu_description::table::Declaration;
 use fmu_description::value::Whole;
-use fmu_description::{Causality, Dynamics, Type, Value, Variability};
+use fmu_description::{Causality, Dynamics, Number, Type, Value, Variability};
 
 use crate::error::{ModelError, ensure, refused};
 use crate::instance::{Instance, Shared};
@@ -27,9 +27,12 @@ impl HostValue {
     /// The value, if a variable may have it; otherwise, how to show what was given.
     fn within(self, field: &Declaration) -> Result<Value, String> {
         let of_type = field.start.of_type();
-        let whole;
+        let (number, whole);
         let (value, shown): (_, &dyn Display) = match self {
-            Self::Real(ref value) => (Value::real(of_type, *value), value),
+            Self::Real(value) => {
+                number = Number(value);
+                (Value::real(of_type, value), &number)
+            }
             Self::Whole(value) => {
                 whole = Whole(value);
                 (Value::whole(of_type, value), &whole)
