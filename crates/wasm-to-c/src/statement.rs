@@ -4,6 +4,8 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
+use crate::names::mentions;
+
 /// A condition and its opposite.
 pub struct Condition {
     pub holds: String,
@@ -241,28 +243,56 @@ impl Writer {
         let depth = place.depth;
         let inner =
             Place { depth: depth + 1, next: &[], next_turn: Some(label), behind: place.next };
+        // What begins with a jump behind the loop is done while its condition fails.
+        let mut head = "for (;;) {".to_owned();
+        if let Some(Goto { condition: Some(condition), label }) = body.first()
+            && place.next.contains(label)
+        {
+            head = format!("while ({}) {{", condition.fails);
+            body.remove(0);
+        }
         // What ends with a jump back only under a condition is left if the condition fails.
-        let ends = match body.pop() {
-            Some(Goto { condition: Some(condition), label: back }) if back == label => {
-                format!("if ({}) break;", condition.fails)
-            }
-            Some(Goto { condition: None, label: back }) if back == label => String::new(),
+        let mut back = None;
+        let mut end = String::new();
+        match body.pop() {
+            Some(Goto { condition, label: to }) if to == label => back = condition,
             Some(last) => {
-                let exits = matches!(last, Exit(_) | Switch { .. } | Goto { condition: None, .. });
+                if !matches!(last, Exit(_) | Switch { .. } | Goto { condition: None, .. }) {
+                    end = "break;".into();
+                }
                 body.push(last);
-                if exits { String::new() } else { "break;".into() }
             }
-            None => "break;".into(),
-        };
+            None => end = "break;".into(),
+        }
         let text = self.aside(body, inner);
-        self.line(depth, "for (;;) {");
+        let mut tail = "}".to_owned();
+        if let Some(Condition { holds, fails }) = back {
+            let is_plain = head.starts_with("for") && !text.contains("continue;");
+            if is_plain && !declares(&text, &holds) {
+                head = "do {".into();
+                tail = format!("}} while ({holds});");
+            } else {
+                end = format!("if ({fails}) break;");
+            }
+        }
         if self.labels.contains(&label) {
-            self.line(depth, &format!("L{label}:;"));
+            self.line(depth - 1, &format!("L{label}:;"));
         }
+        self.line(depth, &head);
         self.text.push_str(&text);
-        if !ends.is_empty() {
-            self.line(depth + 1, &ends);
+        if !end.is_empty() {
+            self.line(depth + 1, &end);
         }
-        self.line(depth, "}");
+        self.line(depth, &tail);
     }
+}
+
+/// Whether statements declare a variable that an expression mentions.
+fn declares(statements: &str, expression: &str) -> bool {
+    statements.match_indices(" = ").any(|(end, _)| {
+        let mut words = statements[..end].rsplit([' ', '\t', '(']);
+        let (name, before) = (words.next(), words.next());
+        matches!(before, Some("u32" | "u64" | "f32" | "f64"))
+            && name.is_some_and(|name| mentions(expression, name))
+    })
 }
