@@ -200,8 +200,29 @@ impl Expression {
         Expression { negation: Some(negation), ..Self::new(text, level, ValType::I32, &[&self]) }
     }
 
+    /// The number of which this is the magnitude, as bits, if a comparison tells finite numbers from others.
+    fn compared_as_finite(&self, operator: &str, other: &Self) -> Option<(&str, bool)> {
+        const INFINITY: u64 = f64::INFINITY.to_bits();
+        const LARGEST: u64 = f64::MAX.to_bits();
+        let is_finite = match (operator, other.constant?) {
+            ("<", INFINITY) | ("<=", LARGEST) => true,
+            (">=", INFINITY) | (">", LARGEST) => false,
+            _ => return None,
+        };
+        let [name] = self.variables.as_slice() else { return None };
+        let text = format!("f64_bits({name}) & 0x7fffffffffffffffu");
+        (self.text == text).then_some((name, is_finite))
+    }
+
     /// A comparison, such as `"<"`.
     pub fn compare(self, operator: &str, signed: bool, other: Self) -> Self {
+        if let Some((name, is_finite)) = self.compared_as_finite(operator, &other) {
+            let finite = (format!("f64_is_finite({name})"), Level::Primary);
+            let not = (format!("!{}", finite.0), Level::Unary);
+            let ((text, level), negation) = if is_finite { (finite, not) } else { (not, finite) };
+            let value = Self::new(text, level, ValType::I32, &[&self, &other]);
+            return Expression { negation: Some(negation), ..value };
+        }
         let side = |side: &Expression| {
             if signed { side.signed(Level::Sum) } else { side.operand(Level::Sum) }
         };

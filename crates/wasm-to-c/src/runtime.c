@@ -231,6 +231,10 @@ static inline u64 i64_remainder(u64 x, u64 y) {
     return y == UINT64_MAX ? 0 : (u64)((i64)x % (i64)y);
 }
 
+static inline int f64_is_finite(f64 x) {
+    return (f64_bits(x) & 0x7fffffffffffffffu) < 0x7ff0000000000000u;
+}
+
 static inline f32 f32_min(f32 x, f32 y) {
     if (x != x || y != y)
         return x + y;
