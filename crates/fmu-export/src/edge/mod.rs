@@ -13,11 +13,13 @@
 use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use fmi_abi::FmiFunction;
 use fmu_description::{LogCategory, Type, Value};
 
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::instance::{Instance, Settings};
+use crate::fast::instance_at;
+use crate::instance::{Instance, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::pointers::{Pointer, c_text, readable, texts};
 use crate::values::HostValue;
@@ -85,9 +87,7 @@ macro_rules! entry {
             #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
             pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
                 // SAFETY: the host's promise: NULL or an instance.
-                let instance = unsafe { instance_at(instance) };
-                let call = &calls::$name;
-                $s(instance.map_or(Status::Error, |instance| instance.refuse(call, unsupported(call.name))) as c_int)
+                $s(unsafe { super::refuse(instance, &calls::$name, unsupported) } as c_int)
             }
         }
     };
@@ -104,11 +104,13 @@ macro_rules! entry {
                     let Some(instance) = instance_at(instance) else {
                         return $s(Status::Error as c_int);
                     };
-                    $(let mut $arg = match convert!($arg $kind) {
-                        Ok(arg) => arg,
-                        Err(why) => return $s(instance.refuse(call, why) as c_int),
-                    };)*
-                    instance.call(call, |instance| apply!(instance.$operation [] $($arg: $kind,)*))
+                    let arguments = || Ok::<_, &str>(($(convert!($arg $kind)?,)*));
+                    match arguments() {
+                        Ok(($(mut $arg,)*)) => {
+                            instance.call(call, |instance| apply!(instance.$operation [] $($arg: $kind,)*))
+                        }
+                        Err(why) => instance.refuse(call, why),
+                    }
                 };
                 $s(status as c_int)
             }
@@ -119,10 +121,10 @@ macro_rules! entry {
 /// The argument of a host as a Rust type, or why it is refused.
 macro_rules! convert {
     ($arg:ident [in? $byte:ty; $n:ident]) => {
-        Ok(slice($arg.cast::<u8>(), $n))
+        Ok::<_, &str>(slice($arg.cast::<u8>(), $n))
     };
     ($arg:ident [out? $byte:ty; $n:ident]) => {
-        Ok(slice_mut($arg.cast::<u8>(), $n))
+        Ok::<_, &str>(slice_mut($arg.cast::<u8>(), $n))
     };
     ($arg:ident [in $type:ty; $n:ident]) => {
         slice($arg, $n).ok_or(NULL_ARRAY)
@@ -131,19 +133,19 @@ macro_rules! convert {
         slice_mut($arg, $n).ok_or(NULL_ARRAY)
     };
     ($arg:ident [out? $type:ty]) => {
-        Ok($arg.as_mut())
+        Ok::<_, &str>($arg.as_mut())
     };
     ($arg:ident [out $type:ty]) => {
         $arg.as_mut().ok_or("a pointer to a result is NULL")
     };
     ($arg:ident fmi2Boolean) => {
-        Ok($arg != 0)
+        Ok::<_, &str>($arg != 0)
     };
     ($arg:ident fmi3Boolean) => {
-        Ok($arg != 0)
+        Ok::<_, &str>($arg != 0)
     };
     ($arg:ident $kind:tt) => {
-        Ok($arg)
+        Ok::<_, &str>($arg)
     };
 }
 
@@ -170,6 +172,21 @@ mod fmu_state;
 pub mod sources;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod wasm;
+
+/// Refuses a function that no instance has, for the reason that its version gives.
+///
+/// # Safety
+/// The host's promise: NULL or an instance.
+#[inline(never)]
+unsafe fn refuse(
+    instance: Pointer,
+    call: &FmiFunction,
+    reason: fn(&str) -> &'static str,
+) -> Status {
+    // SAFETY: the caller's promise.
+    let instance = unsafe { instance_at(instance) };
+    instance.map_or(Status::Error, |instance| instance.refuse(call, reason(call.name)))
+}
 
 /// Creates an instance of the model that a host chooses by name and GUID, of a type. On failure, logs the
 /// reason and returns NULL.
