@@ -33,6 +33,7 @@ FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-ba
 """Command line of Chromium."""
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
     """Return one process more than there are cores, since tests often wait for a lock or a call."""
     return (os.cpu_count() or 1) + 1

@@ -148,7 +148,7 @@ def test_a_panic_only_affects_its_instance(machine, host, panicking, model, vers
     u, y = (fmu.variables[name].valueReference for name in ("u", "y"))
     arguments = [fmu.library, fmu.guid, "panic", f"r{u}=-1", f"r{y}"]
     line, *refused = machine.run(program, *arguments).splitlines()
-    where = "src/lib.rs:" if machine in C_SOURCES else f"fmi{version}DoStep: "
+    where = f"fmi{version}DoStep: " + "src/lib.rs:" * (machine in C_SOURCES)
     assert line.startswith(f"[logStatusFatal] {where}")
     assert line.endswith("panicked; the instance can only be freed: u is -1.0")
     assert all(" is not allowed in the state " in line for line in refused)
@@ -169,7 +169,7 @@ def panicking(once) -> Callable[[Machine], Path]:
         shell(f"{command} --fmi 2.0,3.0 --omit-unsupported", package)
 
     def exported(machine: Machine) -> Path:
-        name = f"panicking {machine.export_options}".rstrip()
+        name = "".join(["panicking", *machine.export_options.split()])
         return once(name, functools.partial(export, machine))
 
     return exported

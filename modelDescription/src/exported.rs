@@ -110,15 +110,6 @@ impl ExportedModel {
         self.interface_type != Some(InterfaceType::ModelExchange)
     }
 
-    /// The only interface type that it is exported for, if it is not exported for both.
-    pub fn only_interface_type(&self) -> Option<InterfaceType> {
-        match (self.is_for_co_simulation(), self.is_for_model_exchange()) {
-            (true, false) => Some(InterfaceType::CoSimulation),
-            (false, true) => Some(InterfaceType::ModelExchange),
-            _ => None,
-        }
-    }
-
     /// Whether the derivatives of all that a host integrates are known: of the state derivatives and
     /// the continuous outputs.
     pub(crate) fn has_all_derivatives(&self) -> bool {

@@ -480,7 +480,7 @@ impl<'a> Builder<'a> {
         recipe: &Recipe,
         variant: Option<&str>,
     ) -> Result<Sources> {
-        let interface_type = model.description.only_interface_type();
+        let interface_type = model.description.interface_type;
         let library = model.library;
         let build = |compiler_args: &[String], heap| {
             let (model, heap) = (Some(&*model.base), Some(heap));

@@ -16,7 +16,8 @@ pub struct Interface<'a> {
     pub version: FmiVersion,
     /// The model identifier, which is the prefix of functions if several FMUs are linked.
     pub identifier: &'a str,
-    /// The only interface type that the model has, if it has not both.
+    /// The only interface type that was asked for, whose functions are enough; otherwise all functions are there, as in a
+    /// binary.
     pub interface_type: Option<InterfaceType>,
     /// Whether states of the model can be serialized.
     pub is_serialized: bool,

@@ -106,7 +106,7 @@ fn translate(
     let functions = Interface {
         version,
         identifier: name,
-        interface_type: model.description.only_interface_type(),
+        interface_type: model.description.interface_type,
         is_serialized: !model.description.is_unserialized,
         imports: &imports,
     };
