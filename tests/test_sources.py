@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +28,9 @@ from test_validate import findings
 
 MOST_MEMORY = 128 << 10
 """The largest instance of a model of the paper [bytes]."""
+
+LONGEST_TEXT = 500_000
+"""The C of a PID controller for FMI 2.0 [bytes]."""
 
 VARIABLES = "dDbBC"
 """The symbols of variables, as `nm` calls them."""
@@ -70,6 +74,12 @@ def test_an_instance_is_one_block_of_limited_size(sources, name, tmp_path):
     assert MOST_MEMORY / 4 < sum(static.values()) <= MOST_MEMORY, static
     undefined = symbols(file, "U", "-DFMU_STATIC_INSTANCES=1")
     assert not {"malloc", "calloc", "realloc", "free"} & undefined.keys()
+
+
+def test_the_c_of_a_pid_controller_is_short(sources):
+    with zipfile.ZipFile(sources / "Pid.fmu") as package:
+        files = [file for file in package.infolist() if file.filename.endswith((".c", ".h"))]
+    assert 0 < sum(file.file_size for file in files) <= LONGEST_TEXT
 
 
 def test_a_model_has_no_variables_outside_of_its_instances(sources, tmp_path):
