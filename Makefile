@@ -28,9 +28,9 @@ RUST := --workspace --exclude fmi-judge --exclude fuzz --exclude bench
 # The command line, with the features that it has in the tests, so that it is built once.
 FMU := target/debug/cargo-fmu
 
-# What compiles C sources in the tests, for this machine and others, and runs them.
-COMPILERS := clang tcc cmake i686-linux-gnu-gcc arm-linux-gnueabihf-gcc s390x-linux-gnu-gcc qemu-arm
-COMPILER_PACKAGES := clang tcc cmake qemu-user gcc-i686-linux-gnu libc6-dev-i386-cross \
+# What compiles C sources in the tests of `make elsewhere`, for this machine and others, and runs them.
+COMPILERS := clang i686-linux-gnu-gcc arm-linux-gnueabihf-gcc s390x-linux-gnu-gcc qemu-arm
+COMPILER_PACKAGES := clang qemu-user gcc-i686-linux-gnu libc6-dev-i386-cross \
 	gcc-arm-linux-gnueabihf libc6-dev-armhf-cross gcc-s390x-linux-gnu libc6-dev-s390x-cross
 
 # $(call apt,PROGRAMS,PACKAGES): install Debian packages unless the programs are there
@@ -153,7 +153,7 @@ optional: fmus module page $(VENV)/.test
 # system: install what optional tests need: system packages with apt-get, as root, and Node to target/venv
 system: $(VENV)/.node
 	$(call apt,chromium,chromium)
-	$(call apt,$(COMPILERS),$(COMPILER_PACKAGES))
+	$(call apt,tcc cmake,tcc cmake)
 	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
 	$(call apt,arm-none-eabi-gcc,gcc-arm-none-eabi libnewlib-arm-none-eabi)
 	$(call apt,qemu-system-arm,qemu-system-arm)
@@ -185,7 +185,7 @@ conformance: fmus $(VENV)/.test
 elsewhere: fmus cross $(VENV)/.test
 	$(call apt,wine,wine wine64)
 	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
-	$(call apt,clang,clang)
+	$(call apt,$(COMPILERS) valgrind,$(COMPILER_PACKAGES) valgrind)
 	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
 # importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md

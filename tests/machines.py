@@ -268,8 +268,13 @@ FMI_2, FMI_3 = ("2",), ("3",)
 IN_C = [_sources("cc-O2", "cc -O2", versions=FMI_2), _sources("cc-O0", "cc -O0")]
 """With the compiler that the README names."""
 
-IN_C_OPTIONAL = [
-    _sources("tcc", "tcc", needs.TCC),
+IN_C_OPTIONAL = [_sources("tcc", "tcc", needs.TCC)]
+
+IN_C_VALGRIND = _sources(
+    "valgrind", "cc -O1 -g", needs.VALGRIND, emulator=" ".join(MEMORY_CHECK), versions=FMI_2
+)
+
+IN_C_ELSEWHERE = [
     _sources("clang-O2", "clang -O2", needs.CLANG, versions=FMI_2),
     # Without SSE2, a 32-bit processor computes with more bits.
     _sources(
@@ -294,13 +299,6 @@ IN_C_OPTIONAL = [
     ),
     # GCC's, which take long; like Clang, their libraries may be missing.
     _sources("sanitizers", f"cc -O0 {SANITIZE}", needs.CLANG, versions=FMI_3),
-]
-
-IN_C_VALGRIND = _sources(
-    "valgrind", "cc -O1 -g", needs.VALGRIND, emulator=" ".join(MEMORY_CHECK), versions=FMI_2
-)
-
-IN_C_ELSEWHERE = [
     _sources("gcc-O3", "gcc -O3", needs.CLANG),
     _sources("clang-O0", "clang -O0", needs.CLANG),
     _sources("clang-O3", "clang -O3", needs.CLANG),

@@ -43,7 +43,7 @@ MARKS = {
     ARM: [pytest.mark.elsewhere],
     **{machine: [] for machine in IN_C},
     **{machine: [machine.tools[0].mark] for machine in IN_C_OPTIONAL},
-    IN_C_VALGRIND: [pytest.mark.valgrind],
+    IN_C_VALGRIND: [pytest.mark.elsewhere],
     **{machine: [pytest.mark.elsewhere] for machine in IN_C_ELSEWHERE},
 }
 """All machines, with the marks of their tests."""
