@@ -14,11 +14,9 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Slave
 
 from loops import MODELS, described_loop, run_loop, stems
 from machines import HEADERS, IN_C, NATIVE, functions, unpack_sources
-from native import with_binary
 from needs import CMAKE
 from pendulum_fmus import table1
 from pendulum_fmus.loop import Loop, workers
@@ -100,26 +98,6 @@ def test_an_instance_allocates_one_block_and_nothing_later(sources, version, tmp
     machine.objects([file], tmp_path, *counted)
     program, (fmu,) = machine.host(f"host{version}", [file], tmp_path, "-DCOUNT_ALLOCATIONS")
     run_scenarios(machine, program, fmu, ["one_allocation"])
-
-
-def test_more_instances_than_the_static_ones_are_refused(fmus, sources, tmp_path, capfd):
-    library = tmp_path / "Pid.so"
-    files = unpack_sources(sources / "Pid.fmu", tmp_path)
-    options = ["-std=c99", "-shared", "-fPIC", "-DFMU_STATIC_INSTANCES=2", "-o", library]
-    subprocess.run(["cc", *options, *files, "-lm"], check=True)
-    file = with_binary(fmus / "Pid.fmu", library.read_bytes(), tmp_path / "Static.fmu")
-    folder, guid = fmpy.extract(file, tmp_path / "fmu"), fmpy.read_model_description(file).guid
-    library = {"guid": guid, "modelIdentifier": "Pid", "unzipDirectory": folder}
-    slaves = [FMU2Slave(instanceName=name, **library) for name in "abc"]
-    slaves[0].instantiate()
-    slaves[1].instantiate()
-    with pytest.raises(Exception, match="Failed to instantiate"):
-        slaves[2].instantiate()
-    assert "all instances are in use" in capfd.readouterr().out
-    slaves[0].freeInstance()
-    slaves[2].instantiate()
-    for slave in slaves[1:]:
-        slave.freeInstance()
 
 
 # --- FMUs whose binaries are compiled from the sources --------------------------------------------

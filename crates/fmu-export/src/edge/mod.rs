@@ -87,7 +87,7 @@ macro_rules! entry {
             #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
             pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
                 // SAFETY: the host's promise: NULL or an instance.
-                $s(unsafe { super::refuse(instance, &calls::$name, unsupported) } as c_int)
+                $s(unsafe { crate::edge::refuse(instance, &calls::$name, unsupported) } as c_int)
             }
         }
     };
