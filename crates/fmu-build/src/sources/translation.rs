@@ -1,4 +1,4 @@
-//! The translation of a model to C: what the compiler is told, how much memory an instance has, and the files.
+//! The translation of a model to C: compiler options, the memory of an instance, and the files.
 
 use std::fs;
 use std::path::Path;
