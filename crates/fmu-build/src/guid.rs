@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use cargo_metadata::{DependencyKind, Metadata, Package, PackageId};
 use clap::ValueEnum;
 use fmu_description::hash::Hash;
@@ -25,21 +25,6 @@ pub enum GuidBasis {
 const OTHERS: [&str; 4] = ["benches", "examples", "target", "tests"];
 
 impl GuidBasis {
-    /// `guid` in `[package.metadata.fmu]`.
-    ///
-    /// # Errors
-    /// It is not one of the three.
-    pub(crate) fn of_package(package: &Package) -> Result<Self> {
-        let found = &package.metadata["fmu"]["guid"];
-        let known = found.as_str().and_then(|name| Self::from_str(name, false).ok());
-        ensure!(
-            found.is_null() || known.is_some(),
-            "{}: guid = {found} in [package.metadata.fmu]; expected \"interface\", \"version\" or \"code\"",
-            package.manifest_path
-        );
-        Ok(known.unwrap_or_default())
-    }
-
     /// The text that `export!` adds to the identity of the models of a package, if it adds any: the same on every machine.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use fmu_description::{FmiVersion, InterfaceType, Naming, Origin};
 
 use crate::cargo::{Product, RELEASE};
@@ -160,9 +160,20 @@ fn library(package: &Package, metadata: &Metadata) -> Result<ModelLibrary> {
         target: target.name.clone(),
         folder: folder.context("a manifest has a folder")?.into(),
         origin: origin(package),
-        naming: naming(package)?,
-        interface_type: interface_type(package)?,
-        guid: GuidBasis::of_package(package)?,
+        naming: setting(package, "naming", Naming::parse, "\"flat\" or \"structured\"")?,
+        interface_type: setting(
+            package,
+            "interface",
+            InterfaceType::named,
+            "\"co-simulation\" or \"model-exchange\"",
+        )?,
+        guid: setting(
+            package,
+            "guid",
+            |name| GuidBasis::from_str(name, false).ok(),
+            "\"interface\", \"version\" or \"code\"",
+        )?
+        .unwrap_or_default(),
         license_file: package.license_file().map(Into::into),
         dependency: renamed.unwrap_or_else(|| FMU_EXPORT.to_owned()),
     })
@@ -233,25 +244,21 @@ fn origin(package: &Package) -> Origin {
     }
 }
 
-/// `naming` in `[package.metadata.fmu]`.
-fn naming(package: &Package) -> Result<Option<Naming>> {
-    let found = &package.metadata["fmu"]["naming"];
-    let known = found.as_str().and_then(Naming::parse);
+/// A setting in `[package.metadata.fmu]`; `expected` are its values, as a message has them.
+///
+/// # Errors
+/// It has another value.
+fn setting<T>(
+    package: &Package,
+    key: &str,
+    parse: fn(&str) -> Option<T>,
+    expected: &str,
+) -> Result<Option<T>> {
+    let found = &package.metadata["fmu"][key];
+    let known = found.as_str().and_then(parse);
     ensure!(
         found.is_null() || known.is_some(),
-        "{}: naming = {found} in [package.metadata.fmu]; expected \"flat\" or \"structured\"",
-        package.manifest_path
-    );
-    Ok(known)
-}
-
-/// `interface` in `[package.metadata.fmu]`.
-fn interface_type(package: &Package) -> Result<Option<InterfaceType>> {
-    let found = &package.metadata["fmu"]["interface"];
-    let known = found.as_str().and_then(InterfaceType::named);
-    ensure!(
-        found.is_null() || known.is_some(),
-        "{}: interface = {found} in [package.metadata.fmu]; expected \"co-simulation\" or \"model-exchange\"",
+        "{}: {key} = {found} in [package.metadata.fmu]; expected {expected}",
         package.manifest_path
     );
     Ok(known)

@@ -207,8 +207,8 @@ pub unsafe fn instantiate(
     instance
 }
 
-/// The number of elements of variables; an unknown one counts as one. So the host reads no more values than there are,
-/// whatever number it is told.
+/// The number of elements of variables; an unknown one counts as one. The host reads no more values than this,
+/// whatever length its caller passes.
 ///
 /// # Safety
 /// The host's promise: an instance, and an array of this length.
