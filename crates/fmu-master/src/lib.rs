@@ -84,7 +84,7 @@ pub use fmu::Fmu;
 pub use fmu_host::InterfaceType;
 pub use function::{Argument, Compute, Computed, Function, Signature};
 pub use literal::Literal;
-pub use messages::{Message, Messages};
+pub use messages::{Level, Message, Messages};
 pub use note::{Advice, Note, NoteOptions};
 pub use overrides::Overrides;
 pub use package::SystemOrigin;

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 pub struct Message {
     /// Name of the instance.
     pub instance: String,
-    /// Whether it reports a problem rather than mere information.
-    pub warning: bool,
+    /// How grave it is.
+    pub level: Level,
     /// Its log category; empty if the FMU passes none.
     pub category: String,
     /// Its text.
@@ -24,6 +24,55 @@ pub struct Message {
     call: Call,
     /// How many messages between the one of its kind before it and this one are not kept.
     left_out: u64,
+}
+
+/// How grave a message is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Level {
+    /// It tells what happens.
+    Info,
+    /// The instance goes on, but something is unusual.
+    Warning,
+    /// A call has failed.
+    Error,
+    /// The instance cannot be used any more.
+    Fatal,
+}
+
+impl Level {
+    /// The level of a logged message: the graver one of its status and its category.
+    fn of(status: Status, category: &str) -> Self {
+        let of_status = match status {
+            Status::Ok | Status::Pending => Self::Info,
+            Status::Warning | Status::Discard | Status::Unknown(_) => Self::Warning,
+            Status::Error => Self::Error,
+            Status::Fatal => Self::Fatal,
+        };
+        let of_category = match category {
+            "logStatusWarning" | "logStatusDiscard" => Self::Warning,
+            "logStatusError" => Self::Error,
+            "logStatusFatal" => Self::Fatal,
+            _ => Self::Info,
+        };
+        of_status.max(of_category)
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Info => "info",
+            Self::Warning => "warning",
+            Self::Error => "error",
+            Self::Fatal => "fatal",
+        }
+    }
+}
+
+impl Message {
+    /// Whether it reports a problem rather than mere information.
+    pub fn is_problem(&self) -> bool {
+        self.level > Level::Info
+    }
 }
 
 /// How many problems, and how many other messages, are kept in case an FMU logs at every step: the first, which usually
@@ -83,31 +132,31 @@ impl Messages {
         let text = plain(logged.text.trim_end(), MAX_CHARACTERS);
         self.0.record.log(&text);
         let category = plain(logged.category.as_deref().unwrap_or_default(), MAX_CHARACTERS);
-        self.keep(instance, logged.status != Status::Ok, category, text);
+        self.keep(instance, Level::of(logged.status, &category), category, text);
     }
 
-    fn keep(&self, instance: &str, warning: bool, category: String, text: String) {
+    fn keep(&self, instance: &str, level: Level, category: String, text: String) {
         let (mut kept, call) = (self.kept(), self.call());
         let known = kept.iter().position(|m| m.text == text && m.instance == instance);
         let is_first = |index: &usize| {
             let before = kept[..*index].iter();
-            before.filter(|m| m.warning == kept[*index].warning).count() < FIRST
+            before.filter(|m| m.is_problem() == kept[*index].is_problem()).count() < FIRST
         };
         let place = known.filter(is_first);
         let mut message = match known {
             Some(index) => remove(&mut kept, index),
             None => {
                 let instance = instance.to_owned();
-                Message { instance, warning, category, text, times: 0, call, left_out: 0 }
+                Message { instance, level, category, text, times: 0, call, left_out: 0 }
             }
         };
-        message.warning |= warning;
+        message.level = message.level.max(level);
         message.times += 1;
         message.call = call;
-        let warning = message.warning;
+        let is_problem = message.is_problem();
         let end = kept.len();
         kept.insert(place.unwrap_or(end), message);
-        let mut of_kind = (0..kept.len()).filter(|index| kept[*index].warning == warning);
+        let mut of_kind = (0..kept.len()).filter(|index| kept[*index].is_problem() == is_problem);
         if let Some(oldest) = of_kind.nth(FIRST)
             && of_kind.nth(LAST - 1).is_some()
         {
@@ -122,13 +171,13 @@ impl Messages {
         let call = self.call();
         let mut explained = false;
         for message in self.kept().iter_mut().filter(|m| m.call == call) {
-            message.warning = true;
+            message.level = message.level.max(Level::Warning);
             explained = true;
         }
         if !explained {
             let version = function.get(..4).unwrap_or_default();
             let text = format!("{function} returned {version}Warning");
-            self.keep(instance, true, String::new(), text);
+            self.keep(instance, Level::Warning, String::new(), text);
         }
     }
 
@@ -138,10 +187,10 @@ impl Messages {
         let prefix = format!("{function}: ");
         let call = self.call();
         let logged = with_gaps(self.kept().extract_if(.., |m| m.call == call));
-        let warns = logged.iter().any(|message| message.warning);
+        let has_problem = logged.iter().any(Message::is_problem);
         let texts: Vec<&str> = logged
             .iter()
-            .filter(|message| message.warning == warns)
+            .filter(|message| message.is_problem() == has_problem)
             .map(|message| message.text.trim_start_matches(&prefix))
             .collect();
         (!texts.is_empty()).then(|| texts.join("; "))
@@ -151,7 +200,7 @@ impl Messages {
 /// Removes a message; the next of its kind then follows what was left out before it.
 fn remove(kept: &mut Vec<Message>, index: usize) -> Message {
     let mut removed = kept.remove(index);
-    if let Some(next) = kept[index..].iter_mut().find(|m| m.warning == removed.warning) {
+    if let Some(next) = kept[index..].iter_mut().find(|m| m.is_problem() == removed.is_problem()) {
         next.left_out += std::mem::take(&mut removed.left_out);
     }
     removed
@@ -184,11 +233,11 @@ mod tests {
     #[test]
     fn the_first_and_the_last_messages_are_kept_and_the_others_counted() {
         let messages = Messages::default();
-        let log = |warning, text: &str| messages.keep("a", warning, String::new(), text.to_owned());
-        log(true, "cause");
+        let log = |level, text: &str| messages.keep("a", level, String::new(), text.to_owned());
+        log(Level::Error, "cause");
         for number in 0..1000 {
-            log(true, &format!("{number}"));
-            log(false, "step");
+            log(Level::Warning, &format!("{number}"));
+            log(Level::Info, "step");
         }
         let found = texts(&messages);
         let numbers = |range: std::ops::Range<i32>| range.map(|n| n.to_string());
@@ -200,10 +249,19 @@ mod tests {
     }
 
     #[test]
+    fn the_level_is_the_graver_one_of_status_and_category() {
+        let level = |status, category| Level::of(status, category).name();
+        assert_eq!(level(Status::Ok, "logEvents"), "info");
+        assert_eq!(level(Status::Ok, "logStatusError"), "error");
+        assert_eq!(level(Status::Fatal, "logStatusError"), "fatal");
+        assert_eq!(level(Status::Discard, ""), "warning");
+    }
+
+    #[test]
     fn a_message_that_is_repeated_is_one_of_the_last() {
         let messages = Messages::default();
         for number in 0..200 {
-            let keep = |text: String| messages.keep("a", true, String::new(), text);
+            let keep = |text: String| messages.keep("a", Level::Warning, String::new(), text);
             keep(format!("{number}"));
             keep(if number < 70 { "old" } else { "new" }.to_owned());
         }

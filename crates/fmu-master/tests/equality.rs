@@ -61,7 +61,7 @@ fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> Vec<[u64; 2]> {
         samples.push(signals.map(|signal| row.number(signal).to_bits()));
         true
     });
-    assert!(finished.unwrap().messages.iter().all(|m| !m.warning));
+    assert!(finished.unwrap().messages.iter().all(|m| !m.is_problem()));
     samples
 }
 

@@ -150,7 +150,7 @@ fn into_python(
             messages
         }
     };
-    let message = |m: Message| (m.instance, m.warning, m.text, m.times, m.category);
+    let message = |m: Message| (m.instance, m.level.name(), m.text, m.times, m.category);
     dict.set_item("messages", Vec::from_iter(messages.into_iter().map(message)))?;
     dict.set_item("raised", raised)?;
     Ok(dict)

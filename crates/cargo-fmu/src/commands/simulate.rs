@@ -166,7 +166,7 @@ impl SimulateArgs {
         let is_wanted = |category: &String| {
             self.log.as_ref().is_some_and(|log| log.is_empty() || log.contains(category))
         };
-        for message in messages.iter().filter(|m| m.warning || is_wanted(&m.category)) {
+        for message in messages.iter().filter(|m| m.is_problem() || is_wanted(&m.category)) {
             let Message { instance, text, .. } = message;
             let times = match message.times {
                 1 => String::new(),
@@ -174,7 +174,7 @@ impl SimulateArgs {
             };
             let from = if instance.is_empty() { "" } else { ": " };
             let line = format!("{instance}{from}{text}{times}");
-            match message.warning {
+            match message.is_problem() {
                 true => ui::warn(&line),
                 false => ui::message(format_args!("{}: {line}", message.category)),
             }

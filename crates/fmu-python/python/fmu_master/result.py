@@ -52,13 +52,18 @@ class Message(NamedTuple):
     """A log message of an FMU."""
 
     instance: str
-    warning: bool
-    """Whether it reports a problem."""
+    level: str
+    """"info", "warning", "error" or "fatal", by the status of the message and its category."""
     text: str
     times: int
     """How many times it was logged."""
     category: str
     """Its log category, such as "logModel"; empty if the FMU passes none."""
+
+    @property
+    def warning(self) -> bool:
+        """Whether it reports a problem: its level is not "info"."""
+        return self.level != "info"
 
 
 class Result(Mapping[str, np.ndarray]):
@@ -75,7 +80,8 @@ class Result(Mapping[str, np.ndarray]):
     enumerations : dict
         For each recorded enumeration, whose values are numbers, the names of its items by number.
     messages : list of Message
-        What the FMUs have logged.
+        What the FMUs have logged; changes of their states (category "logEvents") only with
+        `debug_logging`.
     notes : list of str
         Choices of the master that the user may want to override.
     alarms : list of str

@@ -9,7 +9,7 @@ import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -54,6 +54,10 @@ class System:
     def __init__(
         self, description: Mapping[str, Any] | str | os.PathLike[str] | None = None, /, **keys: Any
     ):
+        self._describe(description, keys)
+
+    def _describe(self, description: Any, keys: dict[str, Any]) -> None:
+        """Take the file of a system, or its keys, or both."""
         self.file: Path = Path("system.toml").absolute()
         self.description: dict[str, Any] | None = None
         self._runners: dict[bool, _native.Runner] | None = None
@@ -78,9 +82,11 @@ class System:
         """Return the keys of the system file, whose paths are relative to its folder."""
         return tomllib.loads(self._text()) if self.description is None else self.description
 
-    def changed(self, **keys: Any) -> System:
+    def changed(self, **keys: Any) -> Self:
         """Return the system with other values of its keys, such as `connections`."""
-        return System(self.file if self.description is None else self.description, **keys)
+        changed = copy.copy(self)
+        changed._describe(self.file if self.description is None else self.description, keys)
+        return changed
 
     def _functions(self) -> list[tuple[str, PythonComponent]]:
         """Return the components in Python and their names."""
@@ -131,7 +137,7 @@ class System:
         return {**source, **(changes or {}), "starts": plain_starts(start_values)}
 
     @contextlib.contextmanager
-    def loaded(self) -> Iterator[System]:
+    def loaded(self) -> Iterator[Self]:
         """Yield this system for many runs, between which processes and FMUs stay loaded.
 
         A run with other start values then takes little more than its steps. Several threads may
@@ -167,6 +173,7 @@ class System:
         compile: bool = False,
         in_process: bool = False,
         progress: bool = False,
+        debug_logging: bool = False,
     ) -> Result:
         """Run the system; the arguments replace keys of the description.
 
@@ -178,7 +185,7 @@ class System:
             "sequential" or "parallel".
         start_time, stop_time, step_size, input, output, tolerance, interface, compile
             As for `simulate`, for all components.
-        in_process, progress
+        in_process, progress, debug_logging
             As for `simulate`.
 
         Raises
@@ -210,6 +217,9 @@ class System:
             warnings.warn(text, stacklevel=2)
         error, raised = done.pop("error", None), done.pop("raised")
         result = Result(**done)
+        if not debug_logging:
+            told = [m for m in result.messages if m.warning or m.category != "logEvents"]
+            result.messages = told
         if error is not None:
             text, component, function, time = error
             raise FmuError(text, component, function, time, result) from raised
@@ -250,6 +260,7 @@ def simulate(
     compile: bool = False,
     in_process: bool = False,
     progress: bool = False,
+    debug_logging: bool = False,
 ) -> Result:
     """Run an FMU, a system file or an SSP package, as `fmpy.simulate_fmu` does.
 
@@ -275,6 +286,8 @@ def simulate(
         Run in this process, which saves some milliseconds, but an FMU that crashes ends Python.
     progress
         Show a progress bar.
+    debug_logging
+        Keep the messages about changes of the state of FMUs (category "logEvents"), too.
 
     Raises
     ------
@@ -299,6 +312,7 @@ def simulate(
         compile=compile,
         in_process=in_process,
         progress=progress,
+        debug_logging=debug_logging,
     )
 
 
