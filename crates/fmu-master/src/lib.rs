@@ -72,6 +72,7 @@ pub mod sweep;
 mod system_file;
 pub mod table;
 mod table_inputs;
+pub mod trace;
 mod wiring;
 
 pub use compilation::Compilation;

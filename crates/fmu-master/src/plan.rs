@@ -27,6 +27,8 @@ pub struct Plan {
     pub(crate) connections: Vec<ResolvedConnection>,
     pub(crate) input: Option<InputTable>,
     pub(crate) wiring: Wiring,
+    /// The variables of the columns.
+    pub(crate) recorded: Vec<ScalarId>,
     /// The smallest and the largest value of each column that the model description allows.
     pub bounds: Vec<[Option<f64>; 2]>,
     /// Choices of the master that the user may want to override.
@@ -86,6 +88,7 @@ impl Plan {
             columns: recorded.iter().zip(names).map(column).collect(),
             notes: notes(&components, &recorded).into_iter().chain(experiment.note()?).collect(),
             bounds: recorded.iter().map(bounds).collect(),
+            recorded,
             experiment,
             input,
             components,

@@ -6,6 +6,7 @@ use fmu_description::Value;
 use serde::{Deserialize, Serialize};
 
 use super::completed::Completed;
+use crate::trace::Trace;
 use crate::{Column, Experiment, Note, Row, RunError};
 
 /// A message of a worker about its run.
@@ -34,6 +35,8 @@ pub struct Ready {
     pub experiment: Experiment,
     /// The recorded variables.
     pub columns: Vec<Column>,
+    /// How a plot draws them.
+    pub traces: Vec<Trace>,
     /// Choices of the master that the user may want to override.
     pub notes: Vec<Note>,
 }

@@ -10,7 +10,7 @@ use fmu_worker::Service;
 use super::completed::simulate;
 use super::report::{Ready, Report};
 use crate::function::Computed;
-use crate::{Messages, Plan, Row, RunError, StartValue};
+use crate::{Messages, Plan, Row, RunError, StartValue, trace};
 
 /// Does a run, and reports it to the supervisor. `plan` makes the plan and its start values, and may warn; the rows
 /// are only sent if the run `records` them.
@@ -36,6 +36,7 @@ pub fn serve<P: Borrow<Plan>>(
         components: plan.names(),
         experiment: plan.experiment,
         columns: plan.columns.clone(),
+        traces: trace::of_plan(plan),
         notes: plan.notes(&starts),
     }));
     // The file for the rows can be written.
