@@ -52,6 +52,8 @@ pub enum Request {
     Save,
     /// To restore a state.
     Restore(u64),
+    /// To return to what it was before the initialization. Saved states stay valid.
+    Reset,
     /// To free a state.
     Forget(u64),
     /// To get the continuous states, in model exchange.
@@ -158,6 +160,7 @@ pub struct SteppedFmu {
     component: ComponentInstance<'static>,
     planned: LoadedComponent,
     messages: Messages,
+    start: f64,
     time: f64,
     /// Whether it is initialized, and whether no call has failed.
     runs: bool,
@@ -184,6 +187,7 @@ impl SteppedFmu {
             )?,
             planned,
             messages,
+            start: setup.start,
             time: setup.start,
             runs: false,
             is_sound: true,
@@ -203,7 +207,11 @@ impl SteppedFmu {
     }
 
     fn try_to_fulfil(&mut self, request: &Request) -> Result<Response> {
-        if !self.runs && !matches!(request, Request::Initialize(_)) {
+        let needs_run = !matches!(
+            request,
+            Request::Initialize(_) | Request::Restore(_) | Request::Forget(_) | Request::Reset
+        );
+        if needs_run && !self.runs {
             bail!("{} is not initialized", self.planned.name);
         }
         match request {
@@ -225,6 +233,7 @@ impl SteppedFmu {
             Request::Set(values) => self.set(values)?,
             Request::Save => return self.save().map(Response::Saved),
             Request::Restore(number) => self.restore(*number)?,
+            Request::Reset => self.reset()?,
             Request::Forget(number) => {
                 if let Some(Saved { state, .. }) = self.saved.remove(number) {
                     self.call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state))?;
@@ -367,8 +376,17 @@ impl SteppedFmu {
         });
         self.with_time(called)?;
         self.time = time;
+        self.runs = true;
         self.component.integrator = integrator;
         self.messages.record().at(self.time);
+        Ok(())
+    }
+
+    fn reset(&mut self) -> Result<()> {
+        self.call("reset", "reset", Instance::reset)?;
+        (self.time, self.runs, self.is_sound) = (self.start, false, true);
+        self.component.integrator = None;
+        self.messages.record().at(f64::NAN);
         Ok(())
     }
 

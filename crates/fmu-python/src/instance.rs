@@ -245,6 +245,10 @@ impl Instance {
         self.request(py, Request::Restore(state))
     }
 
+    fn reset<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.request(py, Request::Reset)
+    }
+
     /// Does not wait: the garbage collector may call it while this thread waits for the FMU.
     fn forget(&self, state: u64) {
         self.forgotten().push(state);

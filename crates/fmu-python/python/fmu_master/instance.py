@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _native
 from ._command import COMMAND
-from ._values import array, plain_starts
+from ._values import array, named, plain_starts
 from .result import FmuError
 
 
@@ -169,11 +169,27 @@ class Instance:
         if self._is_initialized:
             self._native.set(plain_starts(values))
         else:
-            self._native.check(plain_starts(values))
-            for part in self.variables.keys() & values.keys():
-                if self.variables[part].causality == "structuralParameter":
-                    raise FmuError(f"{part} is a structural parameter, expected in `start_values`")
-            self._starts |= values
+            self._starts |= self._checked(values)
+
+    def reset(self, start_values: Mapping[str, Any] | None = None) -> None:
+        """Return to the time before the initialization, without loading the FMU again.
+
+        The next use initializes the FMU at its start time. All start values stay, those of the
+        constructor and those of `set` before the initialization; `start_values` replace the ones
+        with the same names. What was `set` after the initialization is gone. Saved states can still
+        be restored, which takes the place of an initialization.
+        """
+        starts = self._checked(named(start_values))
+        self._time = self._native.reset()
+        self._is_initialized = False
+        self._starts |= starts
+
+    def _checked(self, starts: Mapping[str, Any]) -> Mapping[str, Any]:
+        self._native.check(plain_starts(starts))
+        for name in self.variables.keys() & starts.keys():
+            if self.variables[name].causality == "structuralParameter":
+                raise FmuError(f"{name} is a structural parameter, expected in `start_values`")
+        return starts
 
     def save(self) -> State:
         """Save the state of the FMU, which can be restored any number of times."""
@@ -185,6 +201,7 @@ class Instance:
         if state._native is not self._native:
             raise FmuError("the state is of another instance, expected one of this instance")
         self._time = self._native.restore(state._number)
+        self._is_initialized = True
 
     @property
     def continuous_states(self) -> np.ndarray:

@@ -1,0 +1,222 @@
+"""One FMU that Python steps by hand: `fmu_master.Instance`."""
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from fmu_master import FmuError, Instance, simulate
+from native import SECONDS, in_c
+from test_crashes import FAULTS, faulty
+from test_python import LARGEST, ODD, PENDULUM, echo
+
+__all__ = ["echo", "faulty"]  # fixtures
+
+
+@pytest.fixture(params=[False, True], ids=["child", "in_process"])
+def plant(fmus, request):
+    """Return a pendulum that is stepped by hand."""
+    with Instance(PENDULUM, start_values={"theta0": 0.1}, in_process=request.param) as plant:
+        yield plant
+
+
+def test_steps_by_hand_have_the_bits_of_a_run(plant):
+    step, count, force = 1e-3, 200, 2.0
+    expected = simulate(
+        PENDULUM,
+        stop_time=step * count,
+        step_size=step,
+        start_values={"theta0": 0.1},
+        input={"u": lambda t: force},
+    )
+    rows = [plant.get(["theta", "x"])]
+    plant.set("u", force)
+    for _ in range(count):
+        plant.step(step)
+        rows.append(plant.get(["theta", "x"]))
+    assert plant.time == pytest.approx(step * count)
+    columns = np.array(rows).T
+    np.testing.assert_array_equal(columns[0], expected["theta"])
+    np.testing.assert_array_equal(columns[1], expected["x"])
+
+
+def test_a_restored_state_repeats_the_same_steps(plant):
+    plant.step(0.05)
+    state, time = plant.save(), plant.time
+
+    def steps() -> list[float]:
+        plant.restore(state)
+        assert plant.time == time
+        plant.step(0.05)
+        return plant.get(["theta", "omega", "x", "v"]).tolist()
+
+    assert steps() == steps()
+    assert plant.variables["theta"].unit == "rad"
+    assert plant.variables["M"].start == 1.096
+
+
+def test_a_reset_begins_again_with_the_start_values_that_were_set_before(plant):
+    plant.set("v0", 0.5)
+    first = plant.get(["theta", "v"]).tolist()
+    plant.set("u", 3.0)
+    plant.step(0.05)
+    after = plant.get(["theta", "v"]).tolist()
+    for _ in range(2):
+        plant.reset()
+        assert (plant.time, plant.get(["theta", "v", "u"]).tolist()) == (0.0, [*first, 0.0])
+        plant.set("u", 3.0)
+        plant.step(0.05)
+        assert plant.get(["theta", "v"]).tolist() == after
+    plant.reset({"theta0": -0.2, "u": 1.0})
+    assert plant.get(["theta", "v", "u"]).tolist() == [-0.2, 0.5, 1.0]
+    for wrong, message in (
+        ({"theta9": 1.0}, "has no variable theta9"),
+        ({"theta0": "steep"}, 'theta0 = "steep" is invalid'),
+        ([0.1], r"start values \[0.1\], expected a dict from names to values"),
+    ):
+        with pytest.raises((FmuError, TypeError), match=message):
+            plant.reset(wrong)
+    assert plant.get("theta") == -0.2
+
+
+def test_a_state_is_restored_also_after_a_reset(plant):
+    plant.step(0.05)
+    state, values = plant.save(), plant.get(["theta", "omega"]).tolist()
+    plant.reset({"theta0": 0.3})
+    for _ in range(2):
+        plant.restore(state)
+        assert (plant.time, plant.get(["theta", "omega"]).tolist()) == (0.05, values)
+        plant.step(0.05)
+        plant.reset()
+        assert plant.get("theta") == 0.3
+
+
+def test_an_instance_that_has_failed_runs_again_after_a_reset(plant):
+    plant.set("u", 1e308)
+    with pytest.raises(FmuError, match=r"returned fmi2Error: .* became inf"):
+        plant.initialize()
+    plant.reset({"u": 0.0})
+    plant.step(0.1)
+    assert (plant.time, plant.get("u")) == (0.1, 0.0)
+
+
+@pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
+@pytest.mark.parametrize("ending", ["", "_fmi3"])
+def test_a_reset_begins_again_with_the_first_event(equations, ending, interface):
+    with Instance(equations / f"Stair{ending}.fmu", interface, start_time=0.0) as stair:
+        for _ in range(2):
+            stair.step(2.0)
+            assert stair.get("counter") == 3
+            stair.reset()
+
+
+def test_a_step_by_model_exchange_can_be_repeated_after_a_failure(tmp_path):
+    refuse = "static int refused; if (c->a[0] > 0 && !refused++) return 2"
+    fmu = in_c(tmp_path / "Hopper.fmu", f"ON_DERIVATIVES={refuse}")
+    with Instance(fmu, in_process=True) as hopper:
+        for step in (math.nan, -0.1, 0.0):
+            with pytest.raises(FmuError, match=r"step = .* expected a positive number"):
+                hopper.step(step)
+        hopper.set("a", [2.0, 0.0])  # lifts the ball
+        with pytest.raises(FmuError, match="returned fmi3Discard"):
+            hopper.step(0.3)
+        hopper.step(0.3)
+        assert hopper.get("h") == pytest.approx(0.09, abs=1e-9)
+        assert hopper.time == 0.3
+
+
+@pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
+@pytest.mark.parametrize("ending", ["", "_fmi3"])
+def test_events_at_both_ends_of_a_step_belong_to_it(equations, ending, interface):
+    with Instance(equations / f"Stair{ending}.fmu", interface=interface) as stair:
+        for second in range(1, 4):
+            assert stair.get("counter") == second
+            stair.step(1.0)
+    with Instance(equations / f"Thermostat{ending}.fmu", interface=interface) as room:
+        room.step(1.0)
+        room.set("set_point", 30.0)
+        room.step(1.0)
+        assert room.get("temperature") == pytest.approx(45 - 25 * math.exp(-1 / 50), abs=1e-6)
+        room.set("window", True)
+        temperature = room.get("temperature")
+        room.step(1.0)
+        opened = 25 + (temperature - 25) * math.exp(-1 / 10)
+        assert room.get("temperature") == pytest.approx(opened, abs=1e-6)
+
+
+SHARED = """
+import sys, threading
+from fmu_master import Instance
+
+with Instance(sys.argv[1], in_process=sys.argv[2] == "True") as plant:
+    plant.initialize()
+    calls = lambda: plant.step(0.001), plant.save, lambda: plant.get("theta")
+    for call in calls:
+        threading.Thread(target=lambda call=call: [call() for _ in range(1000)]).start()
+    while threading.active_count() > 1:
+        plant.save()
+"""
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_threads_that_share_an_instance_do_not_wait_for_each_other_forever(fmus, in_process):
+    command = [sys.executable, "-c", SHARED, PENDULUM, str(in_process)]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run(command, env=env, timeout=SECONDS, check=True)
+
+
+def test_what_does_not_fit_is_named(fmus):
+    with Instance(PENDULUM) as one, Instance(PENDULUM) as other:
+        state = one.save()
+        other.save()
+        with pytest.raises(FmuError, match="the state is of another instance"):
+            other.restore(state)
+    for value, count in ((5.0, 1), ([1.0, 2.0], 2)):
+        message = rf"rbf\.w0 = .*: values: {count}, expected 4"
+        with Instance("target/fmu/PidRbf_fmi3.fmu", in_process=True) as controller:
+            with pytest.raises(FmuError, match=message):
+                controller.set("rbf.w0", value)
+            with pytest.raises(FmuError, match="nodes is a structural parameter, expected in"):
+                controller.set("rbf.nodes", 2)
+            controller.set("rbf.w0", np.arange(4.0))
+            controller.set("rbf.w0[2]", 7.0)
+            assert controller.get("rbf.w0").tolist() == [0.0, 7.0, 2.0, 3.0]
+            with pytest.raises(FmuError, match=message):
+                controller.set({"rbf.w0": value})
+    seeds = pytest.raises(FmuError, match="the seed has 1 numbers, expected 2")
+    with Instance(PENDULUM, in_process=True) as plant, seeds:
+        plant.directional_derivative(["omega"], ["u", "theta"], [1.0])
+
+
+def test_a_crash_of_an_instance_is_an_exception(faulty):
+    start = {"fault": FAULTS.index("CRASH"), "at": 0.5}
+    with Instance(faulty, start_values=start) as instance:
+        instance.step(0.25)
+        instance.step(0.25)
+        with pytest.raises(FmuError, match=r"signal 11") as caught:
+            instance.step(0.25)
+        assert (caught.value.component, caught.value.function) == ("Faulty", "fmi2DoStep")
+        assert caught.value.time == 0.5
+        with pytest.raises(FmuError, match="was freed"):
+            instance.step(0.25)
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_whole_numbers_of_64_bits_keep_all_digits_in_an_instance(echo, in_process):
+    start = {"w": LARGEST, "i": -ODD, "ws": [1, 2**63]}
+    with Instance(echo, start_values=start, in_process=in_process) as instance:
+        assert (instance.get("yw"), instance.get("yi")) == (LARGEST, -ODD)
+        assert instance.get("yws").tolist() == [1, 2**63]
+        for given in (2**63 + 1, np.uint64(ODD), np.int32(7), np.array(LARGEST, np.uint64)):
+            instance.set("w", given)
+            assert instance.get("yw") == int(given)
+            assert instance.get(["yw", "yi", "yA[1,1]"]).tolist() == [int(given), -ODD, 0.0]
+        for array in ([2**63 + 1, 0], (1, np.uint64(LARGEST)), np.array([ODD, 2**63], np.uint64)):
+            instance.set("ws", array)
+            assert instance.get("yws").tolist() == list(array)
+        for wrong in (-1, 2**64, 1.5):
+            with pytest.raises(FmuError, match=rf"w = .*; expected .* from 0 to {LARGEST}"):
+                instance.set("w", wrong)
