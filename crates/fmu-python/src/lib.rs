@@ -25,7 +25,7 @@ mod _native {
     use super::run::{Runner, bounds, points, times};
 
     #[pymodule_export]
-    use super::tables::{compare, read};
+    use super::tables::{compare, read, set_points};
 
     #[pymodule_export]
     use super::instance::Instance;

@@ -11,7 +11,8 @@ use cargo_fmu::session::{Session, WORKER};
 use fmu_description::Value;
 use fmu_master::Computed;
 use fmu_master::job::{self, Job, LoadedSystem, SystemSource};
-use fmu_master::run::{self, Completed, RunOutcome, Watch, supervise};
+use fmu_master::run::{self, Completed, Ready, RunOutcome, Watch, supervise};
+use fmu_master::trace::{self, Trace};
 use fmu_master::{
     Column, Experiment, Message, Messages, Note, Plan, Row, RunError, Statistics, Summary,
 };
@@ -36,6 +37,7 @@ const CALL: Duration = Duration::from_secs(300);
 #[derive(Default)]
 struct Outcome {
     columns: Vec<Column>,
+    traces: Vec<Trace>,
     rows: Columns,
     notes: Vec<Note>,
     warnings: Vec<String>,
@@ -132,6 +134,9 @@ fn into_python(
         enumerations.set_item(name, items.clone())?;
     }
     dict.set_item("enumerations", enumerations)?;
+    let held = outcome.traces.iter().zip(&outcome.columns).filter(|(trace, _)| trace.is_held);
+    dict.set_item("held", Vec::from_iter(held.map(|(_, column)| &column.name)))?;
+    dict.set_item("set_points", words::set_points(&outcome.columns, &outcome.traces))?;
     dict.set_item("notes", Vec::from_iter(outcome.notes.iter().map(words::note)))?;
     dict.set_item("warnings", outcome.warnings)?;
     let messages = match outcome.end {
@@ -347,6 +352,7 @@ fn in_worker(
                 rows.rows.push(&ready.columns, row);
                 if rows.columns.len() != ready.columns.len() {
                     rows.columns.clone_from(&ready.columns);
+                    rows.traces.clone_from(&ready.traces);
                 }
             },
             compute: &|function, time, inputs| kept.functions.compute(function, time, inputs),
@@ -364,7 +370,8 @@ fn in_worker(
         RunOutcome::Finished(run) => {
             let crash = run.crash.map(|ended| format!("after the simulation, the process {ended}"));
             rows.warnings.extend(crash);
-            (rows.columns, rows.notes) = (run.ready.columns, run.ready.notes);
+            let Ready { columns, traces, notes, .. } = run.ready;
+            (rows.columns, rows.traces, rows.notes) = (columns, traces, notes);
             Some(Ok(run.completed))
         }
     };
@@ -399,6 +406,7 @@ fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result
         !host.look(Some((row.time, start, stop)))
     });
     outcome.columns.clone_from(&plan.columns);
+    outcome.traces = trace::of_plan(plan);
     outcome.notes = plan.notes(&starts);
     outcome.end = Some(end);
     Ok(outcome)

@@ -1,14 +1,18 @@
 //! Tables of results: read from files, and compared.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 use anyhow::Context;
-use fmu_master::table::{self, Series, Tolerance};
+use fmu_description::Type;
+use fmu_master::table::{self, Column, Series, Tolerance};
+use fmu_master::trace;
 use pyo3::prelude::*;
 
 use crate::arguments::{self, Table};
 use crate::error::error;
 use crate::values::{Cells, to_python};
+use crate::words;
 
 /// The columns of a table that a sweep has written: name, unit and values, None where one is missing.
 #[pyfunction]
@@ -49,4 +53,15 @@ pub fn compare<'py>(
         Ok((difference.name, difference.time, values, text))
     });
     found.collect()
+}
+
+/// The names of set-points by the names of what follows them, of columns with name, unit and whether they have numbers
+/// that vary continuously.
+#[pyfunction]
+pub fn set_points(columns: Vec<(String, String, bool)>) -> HashMap<String, String> {
+    let columns = Vec::from_iter(columns.into_iter().map(|(name, unit, is_continuous)| {
+        Column::new(name, unit, if is_continuous { Type::Float64 } else { Type::String })
+    }));
+    let found = words::set_points(&columns, &trace::of_columns(&columns));
+    found.into_iter().map(|(name, of)| (name.to_owned(), of.to_owned())).collect()
 }

@@ -1,6 +1,9 @@
-//! The words of Python for notes and advice.
+//! The words of Python for notes and advice, and names in place of numbers.
 
-use fmu_master::{Advice, Note, NoteOptions};
+use std::collections::HashMap;
+
+use fmu_master::trace::Trace;
+use fmu_master::{Advice, Column, Note, NoteOptions};
 
 /// A note of a run.
 pub fn note(note: &Note) -> String {
@@ -20,4 +23,13 @@ pub fn advice(advice: &Advice) -> String {
         Advice::Sweep => "`sweep`".to_owned(),
         Advice::AnotherTable => "another `out`".to_owned(),
     }
+}
+
+/// The names of set-points by the names of what follows them.
+pub fn set_points<'a>(columns: &'a [Column], traces: &[Trace]) -> HashMap<&'a str, &'a str> {
+    let pairs = columns
+        .iter()
+        .zip(traces)
+        .filter_map(|(column, trace)| Some((&*column.name, &*columns.get(trace.set_point?)?.name)));
+    pairs.collect()
 }

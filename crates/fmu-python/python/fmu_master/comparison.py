@@ -59,24 +59,14 @@ class Comparison:
         return f"{text}\ndifferent: {len(self.differences)} of {count} variables: {names}"
 
     def plot(self) -> Figure:
-        """Draw the variables that differ over the time [s], each with its first difference.
+        """Draw the variables that differ over the time [s], and below each the difference.
 
-        Returns the figure of Matplotlib.
+        A vertical line is at the first difference beyond the tolerance. Returns the figure of
+        Matplotlib.
         """
-        from matplotlib.figure import Figure
+        from .plots import draw_comparison
 
-        count = max(len(self.differences), 1)
-        figure = Figure(figsize=(7.0, 1.0 + 1.8 * count), layout="constrained")
-        axes = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
-        for axis, (name, time, _, _) in zip(axes, self.differences, strict=False):
-            axis.plot(self.reference["time"], self.reference[name], label="reference")
-            axis.plot(self.results["time"], self.results[name], "--", label="results")
-            axis.axvline(time, color="tab:red", linewidth=0.8)
-            unit = self.reference.units.get(name)
-            axis.set_ylabel(f"{name} [{unit}]" if unit else name)
-        axes[0].legend(loc="upper right", fontsize="small")
-        axes[-1].set_xlabel("time [s]")
-        return figure
+        return draw_comparison(self)
 
 
 def compare(

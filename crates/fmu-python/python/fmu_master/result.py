@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from . import _native
-from ._values import array, one_or_more
+from ._values import array
 
 if TYPE_CHECKING:
     import pandas
@@ -79,6 +78,9 @@ class Result(Mapping[str, np.ndarray]):
         Units by name; empty texts for variables without unit.
     enumerations : dict
         For each recorded enumeration, whose values are numbers, the names of its items by number.
+    held : set of str
+        Variables that keep their value from one row to the next, such as the outputs of sampled
+        components.
     messages : list of Message
         What the FMUs have logged; changes of their states (category "logEvents") only with
         `debug_logging`.
@@ -97,6 +99,8 @@ class Result(Mapping[str, np.ndarray]):
         self._columns = {name: _array(kind, data) for name, _, kind, data in columns}
         self.units = {name: unit for name, unit, _, _ in columns}
         self.enumerations: dict[str, dict[int, str]] = about.get("enumerations", {})
+        self.held: set[str] = set(about.get("held", ()))
+        self._set_points: dict[str, str] | None = about.get("set_points")
         self.messages = [Message(*message) for message in about.get("messages", ())]
         self.notes: list[str] = about.get("notes", [])
         self.alarms: list[str] = about.get("alarms", [])
@@ -140,6 +144,18 @@ class Result(Mapping[str, np.ndarray]):
         return np.array([items.get(number, number) for number in column.tolist()], object)
 
     @property
+    def set_points(self) -> dict[str, str]:
+        """For each signal that follows a recorded set-point, the name of that set-point.
+
+        A set-point has the name of one, such as `r`, `setpoint` or `speed_ref`. The connections,
+        the names and the units tell what follows it.
+        """
+        if self._set_points is None:
+            columns = [(n, self.units.get(n, ""), c.dtype.kind == "f") for n, c in self.items()]
+            self._set_points = _native.set_points(columns[1:])
+        return self._set_points
+
+    @property
     def summary(self) -> dict[str, dict[str, float]]:
         """Minimum, maximum, RMS and last value of each column of numbers, by name."""
         if self._summary is not None:
@@ -168,48 +184,46 @@ class Result(Mapping[str, np.ndarray]):
 
         return polars.DataFrame(self._columns)
 
-    def plot(self, names: Sequence[str] | None = None) -> Figure:
-        """Draw columns over the first one, by default all, one picture for each unit.
+    def plot(
+        self,
+        names: Sequence[str | Sequence[str]] | None = None,
+        *,
+        over: Mapping[str, Result] | Sequence[Result] | Result | None = None,
+        label: str = "this run",
+    ) -> Figure:
+        """Draw signals over the time [s], by default all: a picture each, with its set-point.
 
-        Enumerations and texts have a picture each, with their values as names. Returns the figure
-        of Matplotlib.
+        The table of a sweep is drawn as metrics over the runs and over each parameter that varies.
+        A picture of more than 4000 rows shows the smallest and largest value of each of 1000 parts.
+
+        Parameters
+        ----------
+        names
+            The signals, of arrays all elements; those of a tuple share a picture. Of a sweep, the
+            metrics, by default "iae".
+        over
+            Other results to draw into the same pictures, by the names of their runs, such as
+            `{"kp = 0.5": other}`.
+        label
+            The name of this run, if it is compared.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure, which a notebook shows as the value of a cell. A program saves it by its
+            `savefig`.
         """
-        from matplotlib.figure import Figure
+        from .plots import draw
 
-        first, *others = self
-        columns = {n: self.names(n) for n in (others if names is None else one_or_more(names))}
-        texts = {name for name, column in columns.items() if _is_text(column)}
-        groups: dict[tuple[str, bool], list[str]] = {}
-        for name, column in columns.items():
-            if name in texts:
-                groups[name, True] = [name]
-            elif names is not None or column.dtype != object:
-                groups.setdefault((self.units.get(name, ""), False), []).append(name)
-        size = (7.0, 1.0 + 1.8 * max(len(groups), 1))
-        figure = Figure(figsize=size, layout="constrained")
-        axes = figure.subplots(max(len(groups), 1), sharex=True, squeeze=False)[:, 0]
-        for axis, ((unit, is_text), members) in zip(axes, groups.items(), strict=False):
-            for name in members:
-                values, style = columns[name], {"label": name, "linewidth": 1.2}
-                if is_text:
-                    axis.step(self[first], values.astype(str), where="post", **style)
-                else:
-                    axis.plot(self[first], values, **style)
-            axis.set_ylabel(f"[{unit}]" if unit and not is_text else "")
-            axis.legend(loc="upper right", fontsize="small")
-            axis.grid(alpha=0.3)
-        axes[-1].set_xlabel("time [s]" if first == "time" else first)
-        return figure
+        return draw(self, names, over, label)
 
     def _repr_png_(self) -> bytes | None:
         """Return the picture that Jupyter shows."""
         try:
-            figure = self.plot()
+            from .plots import png
         except ImportError:
             return None
-        file = io.BytesIO()
-        figure.savefig(file, format="png", dpi=100)
-        return file.getvalue()
+        return png(self)
 
 
 def read(filename: str | os.PathLike[str]) -> Result:
@@ -230,12 +244,6 @@ def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
     if any(isinstance(cell, str) for cell in cells) or name == "failure":
         return np.array(cells, object)
     return array([np.nan if cell is None else cell for cell in cells])
-
-
-def _is_text(column: np.ndarray) -> bool:
-    """Whether all values are texts, or numbers of items without a name."""
-    values = column.tolist() if column.dtype == object else []
-    return any(isinstance(v, str) for v in values) and all(isinstance(v, str | int) for v in values)
 
 
 def _array(kind: str, data: Any) -> np.ndarray:

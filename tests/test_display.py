@@ -1,0 +1,161 @@
+"""Pictures of results: what is drawn where, and how; and how much of a long run."""
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+from fmu_master import Result, System, compare
+from fmu_master.plots import extremes
+
+LOOP = ROOT / "examples" / "closed-loop" / "pid.toml"
+
+
+def titles(figure):
+    """Return the titles of the pictures of a figure."""
+    return [axis.get_title(loc="left") for axis in figure.axes]
+
+
+def lines(axis):
+    """Return the lines of a picture by name."""
+    return {line.get_label(): line for line in axis.lines}
+
+
+@pytest.fixture(scope="module")
+def loop(fmus):
+    return System(LOOP).simulate(stop_time=0.5)
+
+
+@pytest.fixture(scope="module")
+def machine():
+    """Return a result with columns of all kinds."""
+    time = np.linspace(0.0, 2.0, 401)
+    columns = {
+        "time": time,
+        "mode": np.where(time < 1, 1, 2),
+        "on": time % 0.5 >= 0.25,
+        "count": (5 * time).astype(int),
+        "label": np.where(time < 1, "idle", "running").astype(object),
+        "q[1]": time,
+        "q[2]": time**2,
+    }
+    result = Result.of(columns, {"q[1]": "m", "q[2]": "m"})
+    result.enumerations = {"mode": {1: "linear", 2: "square", 3: "cubic"}}
+    return result
+
+
+def test_a_picture_has_the_name_of_its_signal_and_the_set_point_that_it_follows(loop):
+    figure = loop.plot()
+    assert "plant.theta" in titles(figure)
+    assert "source.r" not in titles(figure)
+    axis = figure.axes[titles(figure).index("plant.theta")]
+    assert axis.get_ylabel() == "[rad]"
+    assert set(lines(axis)) == {"plant.theta", "source.r"}
+    assert [text.get_text() for text in axis.get_legend().texts] == ["source.r", "plant.theta"]
+    assert {axis.get_xlabel() for axis in figure.axes} == {"", "time [s]"}
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+
+
+def test_sampled_signals_are_steps_and_continuous_ones_are_not(loop):
+    drawn = {name: line for axis in loop.plot().axes for name, line in lines(axis).items()}
+    assert drawn["controller.u"].get_drawstyle() == "steps-post"
+    assert drawn["plant.theta"].get_drawstyle() == "default"
+    assert "controller.u" in loop.held
+    assert "plant.theta" not in loop.held
+
+
+def test_a_table_of_a_file_has_its_set_points_by_names():
+    time = np.arange(3.0)
+    table = Result.of({"time": time, "speed": time, "speed_ref": time}, {})
+    assert table.set_points == {"speed": "speed_ref"}
+    assert titles(table.plot()) == ["speed"]
+    assert titles(table.plot("speed_ref")) == ["speed_ref"]
+
+
+def test_values_with_names_have_them_on_an_axis_and_booleans_are_bands(machine):
+    figure = machine.plot()
+    assert titles(figure) == ["mode", "on", "count", "label", "q"]
+    mode, on, count, label, q = figure.axes
+    assert [tick.get_text() for tick in mode.get_yticklabels()] == ["linear", "square", "cubic"]
+    assert lines(mode)["mode"].get_drawstyle() == "steps-post"
+    assert [tick.get_text() for tick in label.get_yticklabels()] == ["idle", "running"]
+    assert not on.lines
+    spans = [path.get_extents() for path in on.collections[0].get_paths()]
+    assert [(span.x0, span.x1) for span in spans] == [
+        (pytest.approx(begin), pytest.approx(begin + 0.25)) for begin in (0.25, 0.75, 1.25, 1.75)
+    ]
+    assert lines(count)["count"].get_drawstyle() == "steps-post"
+    assert set(lines(q)) == {"q[1]", "q[2]"}
+    assert q.get_ylabel() == "[m]"
+
+
+def test_names_choose_pictures_and_a_tuple_shares_one(machine):
+    assert titles(machine.plot("q")) == ["q"]
+    assert titles(machine.plot([("count", "q[1]"), "on"])) == ["count, q[1]", "on"]
+    with pytest.raises(KeyError, match="nosuch is not recorded"):
+        machine.plot(["nosuch"])
+
+
+def test_runs_that_are_compared_differ_in_colour_and_dashes(loop):
+    other = System(LOOP).simulate({"controller.pid.kp": 100.0}, stop_time=0.5)
+    figure = loop.plot("plant.theta", over={"kp = 100": other}, label="kp = 300")
+    (axis,) = figure.axes
+    one, two = (line for line in axis.lines if line.get_label() == "plant.theta")
+    assert np.array_equal(two.get_ydata(), other["plant.theta"])
+    assert one.get_color() != two.get_color()
+    assert one.get_linestyle() != two.get_linestyle()
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.texts] == ["kp = 300", "kp = 100"]
+    assert len(loop.plot("plant.theta", over=[other, other]).legends[0].texts) == 3
+
+
+def test_a_picture_of_many_rows_has_few_points_with_all_extremes():
+    count = 1_000_000
+    values = np.sin(np.arange(count) * 1e-3)
+    values[123_456], values[654_321], values[500_000] = 9.0, -9.0, np.nan
+    result = Result.of({"time": np.arange(count) * 1e-3, "a": values}, {})
+    drawn = result.plot().axes[0].lines[0].get_ydata()
+    assert len(drawn) < 5000
+    assert (np.nanmax(drawn), np.nanmin(drawn)) == (9.0, -9.0)
+    assert np.isnan(drawn).sum() == 1
+    rows = extremes(values)
+    assert (rows[0], rows[-1]) == (0, count - 1)
+    assert np.all(np.diff(rows) > 0)
+    assert extremes(np.full(10_000, np.nan)).size < 3000
+    assert extremes(values[:3000]).tolist() == list(range(3000))
+
+
+def table(kp, mass, iae, **others):
+    """Return the table of a sweep."""
+    index = np.arange(len(kp))
+    columns = {"index": index, "c.kp": kp, "p.M": mass, "iae": iae, "diverged": np.isnan(iae)}
+    return Result.of(columns | others, {})
+
+
+def test_a_sweep_shows_each_parameter_its_failures_and_a_best_run_at_the_edge():
+    kp = np.linspace(100.0, 400.0, 10_000)
+    iae = np.where(kp < 150, np.nan, 5.0 - kp / 100)
+    figure = table(kp, np.full(10_000, 1.0), iae).plot()
+    run, parameter = figure.axes
+    assert (run.get_xlabel(), parameter.get_xlabel()) == ("run", "c.kp")
+    assert lines(run)["best"].get_xdata() == [9999]
+    assert max(lines(parameter)["diverged or failed"].get_xdata()) < 150
+    assert "10000 runs, 1667 diverged or failed" in figure.get_suptitle()
+    assert "c.kp = 400, at the end of the range (100 to 400)" in figure.get_suptitle()
+    assert "p.M" not in figure.get_suptitle()
+
+
+def test_two_parameters_of_a_sweep_are_a_map():
+    kp, mass = (part.ravel() for part in np.meshgrid([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]))
+    figure = table(kp, mass, (kp - 2) ** 2 + (mass - 2) ** 2 + 1).plot()
+    chart = figure.axes[3]
+    assert (chart.get_xlabel(), chart.get_ylabel()) == ("c.kp", "p.M")
+    assert chart.collections[0].get_array().tolist() == [[3, 2, 3], [2, 1, 2], [3, 2, 3]]
+    assert "range" not in figure.get_suptitle()
+
+
+def test_a_comparison_shows_how_far_each_variable_is_off(loop):
+    columns = {name: column.copy() for name, column in loop.items()}
+    columns["plant.x"][100:] += 0.5
+    axes = compare(loop, columns).plot().axes
+    assert [axis.get_title(loc="left") for axis in axes] == ["plant.x", "results - reference"]
+    assert axes[1].lines[0].get_ydata()[-1] == pytest.approx(0.5)
