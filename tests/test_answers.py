@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fmu_master import FmuError, Message, System, simulate
-from native import LOOPS
+from native import LOOPS, run
 
 PENDULUM = "target/fmu/Pendulum.fmu"
 
@@ -42,3 +42,17 @@ def test_a_changed_or_loaded_system_keeps_its_class_and_attributes(fmus):
         assert isinstance(loaded, Loop)
         # Changes of a loaded system are loaded anew.
         assert loaded.changed(stop=0.2).simulate()["time"][-1] == 0.2
+
+
+def test_a_variable_that_cannot_be_set_suggests_its_initial_value(fmus):
+    for start, meant in (("theta", "theta0"), ("x", "x0"), ("omega", "omega0")):
+        with pytest.raises(
+            FmuError, match=rf"^{start} = 1 cannot be set: .*; did you mean {meant}\?"
+        ):
+            simulate(PENDULUM, start_values={start: 1})
+    said = run("simulate", LOOPS / "pid.toml", "--set", "plant.theta=0.1").stderr
+    assert said.rstrip().endswith("start values; did you mean plant.theta0?")
+    with pytest.raises(FmuError, match=r"approx have start values$"):
+        simulate("target/fmu/Pid.fmu", start_values={"u": 1})
+    with pytest.raises(FmuError, match=r"has no variable PID\.KP; did you mean pid\.kp\?"):
+        simulate("target/fmu/Pid.fmu", start_values={"PID.KP": 1})

@@ -7,13 +7,15 @@ use std::time::Duration;
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use clap::ValueEnum;
+use fmu_description::Value;
 use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{Amount, Fault};
+use crate::function::Computed;
 use crate::package::SystemOrigin;
 use crate::table::Series;
-use crate::{Compilation, Experiment, Function, Literal};
+use crate::{Compilation, Experiment, Function, Literal, Signature};
 
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -196,6 +198,28 @@ impl Description {
     /// The times of the simulation.
     pub fn experiment(&self) -> Experiment {
         Experiment { start: self.start, stop: self.stop, step: self.step }
+    }
+
+    /// Makes components functions, by their names. `compute` computes the outputs of a function, by its number, at a time
+    /// (s).
+    ///
+    /// # Errors
+    /// There is no such component.
+    pub fn set_functions(
+        &mut self,
+        functions: &[(String, Signature)],
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+    ) -> Result<()> {
+        for (number, (name, signature)) in functions.iter().enumerate() {
+            let compute = compute.clone();
+            let compute = move |time, inputs: &[Value]| compute(number, time, inputs);
+            let function = Function { signature: signature.clone(), compute: Arc::new(compute) };
+            let mut components = self.components.iter_mut();
+            let component = components.find(|component| component.name == *name);
+            component.with_context(|| format!("there is no component {name}"))?.function =
+                Some(function);
+        }
+        Ok(())
     }
 
     /// Uses the FMUs of the same file names from another folder.

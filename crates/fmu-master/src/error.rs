@@ -4,6 +4,7 @@
 use std::fmt;
 
 use anyhow::Error;
+use fmu_host::Cause;
 use fmu_worker::{Record, Worker};
 use serde::{Deserialize, Serialize};
 
@@ -100,6 +101,11 @@ impl RunError {
         };
         let call = FailedCall { component, fmu, function: function.to_owned(), purpose };
         Some(Self { time: last.time, ..Self::in_call(call, outcome.to_owned(), reason) })
+    }
+
+    /// Whether a component that is a function has failed.
+    pub(crate) fn is_of_function(&self) -> bool {
+        self.call.is_some() && self.outcome == Cause::Raised.to_string()
     }
 
     /// The failure without the words of the FMU, which may differ from run to run.

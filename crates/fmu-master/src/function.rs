@@ -33,6 +33,17 @@ pub struct Argument {
     pub unit: String,
 }
 
+/// A call of a function of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FunctionCall {
+    /// The number of the function.
+    pub function: usize,
+    /// The time (s).
+    pub time: f64,
+    /// The values of its inputs.
+    pub inputs: Vec<Value>,
+}
+
 /// The outputs of a function, or what went wrong.
 pub type Computed = Result<Vec<Value>, String>;
 

@@ -4,18 +4,17 @@
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Arc;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use fmu_description::Value;
 use fmu_worker::{Limits, Service, Worker};
 use serde::{Deserialize, Serialize};
 
 use crate::function::Computed;
-use crate::run;
+use crate::run::{self, Report};
 use crate::stepped_fmu::{self, Setup};
-use crate::sweep::{Study, SweepSource};
-use crate::{Description, Function, Overrides, Plan, Signature, StartValue, is_fmu, locate};
+use crate::sweep::{self, SweepSource};
+use crate::{Description, Overrides, Plan, Signature, StartValue, is_fmu, locate};
 
 /// The job of a worker process.
 #[derive(Debug, Serialize, Deserialize)]
@@ -54,14 +53,14 @@ pub fn start(
 /// # Errors
 /// A job is damaged, or the files of a sweep have changed.
 pub fn serve(service: &mut Service) -> Result<()> {
-    let compute = run::compute_in_supervisor(service)?;
+    let compute = run::compute_in_supervisor(service, Report::Call)?;
     let mut loaded = LoadedSystem::default();
     while let Some(job) = service.task()? {
         match job {
             Job::Run { system, records } => {
                 run::serve(service, records, |warn| loaded.plan(system, &compute, warn))?;
             }
-            Job::Sweep(source) => return Study::open(&source)?.serve(service),
+            Job::Sweep(source) => return sweep::serve(service, &source),
             Job::Step(setup) => return stepped_fmu::serve(service, &setup),
         }
     }
@@ -109,15 +108,7 @@ impl SystemSource {
         self.overrides.apply(&mut description);
         let packages = description.package.iter();
         packages.flat_map(|package| &package.warnings).for_each(|text| warn(text));
-        for (number, (name, signature)) in self.functions.iter().enumerate() {
-            let compute = compute.clone();
-            let compute = move |time, inputs: &[Value]| compute(number, time, inputs);
-            let function = Function { signature: signature.clone(), compute: Arc::new(compute) };
-            let mut components = description.components.iter_mut();
-            let component = components.find(|component| component.name == *name);
-            component.with_context(|| format!("there is no component {name}"))?.function =
-                Some(function);
-        }
+        description.set_functions(&self.functions, compute)?;
         let plan = Plan::new(&description).map_err(|error| self.locate(error))?;
         plan.resized(description, &self.overrides.sets)
     }

@@ -83,7 +83,7 @@ pub use experiment::Experiment;
 pub use fault::Fault;
 pub use fmu::Fmu;
 pub use fmu_host::InterfaceType;
-pub use function::{Argument, Compute, Computed, Function, Signature};
+pub use function::{Argument, Compute, Computed, Function, FunctionCall, Signature};
 pub use literal::Literal;
 pub use messages::{Level, Message, Messages};
 pub use note::{Advice, Note, NoteOptions};

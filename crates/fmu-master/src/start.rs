@@ -18,10 +18,10 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, HashSet};
 
 use anyhow::{Error, Result, bail, ensure};
-use fmu_description::{Causality, Initial, Value, Variability};
+use fmu_description::{Causality, Initial, Value, Variability, Variable};
 
 use crate::access_list::AccessList;
-use crate::fmu::Sizes;
+use crate::fmu::{Sizes, similar};
 use crate::{Fmu, Literal};
 
 /// A start value that fits its variable: of a scalar, or of all elements of an array.
@@ -87,15 +87,44 @@ impl ScalarLiteral<'_> {
             bail!("{name} = {literal} cannot be set: {reason}");
         }
         let variable = fmu.variable(*scalar);
-        let has_start = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
         ensure!(
-            variable.causality == Causality::Input
-                || variable.is_parameter()
-                || (has_start && variable.variability != Variability::Constant),
-            "{name} = {literal} cannot be set: only inputs, parameters, and variables with initial exact or approx have start values"
+            has_start_value(variable),
+            "{name} = {literal} cannot be set: only inputs, parameters, and variables with initial exact or approx have start values{}",
+            self.alternative(fmu)
         );
         self.value(fmu)
     }
+
+    /// What may be meant instead of a variable without start value, such as `theta0` instead of `theta`.
+    fn alternative(&self, fmu: &Fmu) -> String {
+        const INITIAL: [&str; 5] = ["0", "start", "init", "initial", "ic"];
+        let own = fmu.name(self.scalar);
+        let known = (0..fmu.scalars.len()).filter(|&scalar| {
+            fmu.unusable(scalar).is_none() && has_start_value(fmu.variable(scalar))
+        });
+        let known = Vec::from_iter(known.map(|scalar| fmu.name(scalar)));
+        let is_initial = |name: &&str| {
+            let rest = name.strip_prefix(own.as_str()).unwrap_or_default();
+            INITIAL.contains(&rest.trim_start_matches(['_', '.']).to_lowercase().as_str())
+        };
+        let known = Vec::from_iter(known.iter().map(String::as_str));
+        let initial = Vec::from_iter(known.iter().copied().filter(is_initial));
+        let meant = if initial.is_empty() { similar(&own, known.into_iter()) } else { initial };
+        let prefix = self.name.strip_suffix(own.as_str()).unwrap_or_default();
+        let meant = Vec::from_iter(meant.into_iter().map(|name| format!("{prefix}{name}")));
+        match meant.is_empty() {
+            true => String::new(),
+            false => format!("; did you mean {}?", meant.join(" or ")),
+        }
+    }
+}
+
+/// Whether a variable has a start value that can be set.
+fn has_start_value(variable: &Variable) -> bool {
+    let has_start = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
+    variable.causality == Causality::Input
+        || variable.is_parameter()
+        || (has_start && variable.variability != Variability::Constant)
 }
 
 /// The values of the structural parameters among the literals of a component, which are the sizes of its arrays.

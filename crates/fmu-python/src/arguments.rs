@@ -74,9 +74,7 @@ fn refused(key: &str, value: &Bound<'_, PyAny>, expected: &str) -> PyErr {
 /// [`Overrides`].
 pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
     let arguments = Arguments(system);
-    let functions: Option<Vec<(String, Bound<'_, PyDict>)>> = arguments.get("functions")?;
-    let functions = functions.into_iter().flatten();
-    let functions = functions.map(|(name, function)| Ok((name, signature(&function)?)));
+    let functions = functions(arguments.get("functions")?.unwrap_or_default())?;
     let starts: Option<Starts<'_>> = arguments.get("starts")?;
     let input = arguments.given("input")?;
     let is_file = input.as_ref().is_some_and(|input| input.is_instance_of::<PyString>());
@@ -103,7 +101,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         ..Overrides::default()
     };
     let (file, text) = (arguments.get("file")?.unwrap_or_default(), arguments.get("text")?);
-    Ok(SystemSource { file, text, functions: functions.collect::<PyResult<_>>()?, overrides })
+    Ok(SystemSource { file, text, functions, overrides })
 }
 
 /// The setup of an FMU that is stepped by hand, from a dict with the keys of [`Setup`].
@@ -122,6 +120,11 @@ pub fn setup(setup: &Bound<'_, PyDict>) -> PyResult<Setup> {
             cache: None,
         },
     })
+}
+
+/// The names and signatures of functions, of dicts with the keys of [`Signature`].
+pub fn functions(given: Vec<(String, Bound<'_, PyDict>)>) -> PyResult<Vec<(String, Signature)>> {
+    given.into_iter().map(|(name, function)| Ok((name, signature(&function)?))).collect()
 }
 
 fn signature(function: &Bound<'_, PyDict>) -> PyResult<Signature> {

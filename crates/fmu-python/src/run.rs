@@ -218,7 +218,7 @@ fn plan(py: Python<'_>, system: &Bound<'_, PyDict>) -> PyResult<Plan> {
 
 /// The functions of Python in the current run.
 #[derive(Default)]
-struct Functions(Mutex<Called>);
+pub struct Functions(Mutex<Called>);
 
 #[derive(Default)]
 struct Called {
@@ -228,12 +228,22 @@ struct Called {
 }
 
 impl Functions {
+    /// Functions of a run, by their numbers.
+    pub fn new(steps: Vec<Py<PyAny>>) -> Self {
+        Self(Mutex::new(Called { steps, raised: None }))
+    }
+
+    /// Takes what one has raised.
+    pub fn take_raised(&self) -> Option<PyErr> {
+        self.called().raised.take()
+    }
+
     fn called(&self) -> MutexGuard<'_, Called> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Calls one, with Python's lock.
-    fn compute(&self, function: usize, time: f64, inputs: &[Value]) -> Computed {
+    pub fn compute(&self, function: usize, time: f64, inputs: &[Value]) -> Computed {
         Python::attach(|py| {
             self.call(py, function, time, inputs).map_err(|raised| {
                 let text = raised.to_string();

@@ -4,33 +4,64 @@ use std::cell::{Cell, RefCell};
 use std::ffi::OsString;
 use std::io;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::time::Instant;
 
+use anyhow::anyhow;
 use cargo_fmu::session::Session;
+use fmu_master::FunctionCall;
 use fmu_master::job::{self, Job};
-use fmu_master::sweep::{Study, SweepSource, Workers, process_count};
+use fmu_master::sweep::{RunFunctions, Study, SweepSource, Workers, process_count};
+use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
+use crate::arguments;
 use crate::error::error;
-use crate::run::{PERIOD, command, limits};
+use crate::run::{Functions, PERIOD, command, limits};
 
 /// Runs a sweep in worker processes, 0 for one per core, and writes its table. A sweep or system that has a text is not
-/// read from its file. Returns warnings and, if all runs failed, why the first one did.
+/// read from its file. `functions` are the components that are functions, which `begin` makes for each run. Returns
+/// warnings and, if all runs failed, why the first one did.
 #[pyfunction]
 pub fn sweep(
     py: Python<'_>,
     sweep: (PathBuf, Option<String>),
     system: Option<(PathBuf, Option<String>)>,
+    functions: Vec<(String, Bound<'_, PyDict>)>,
+    begin: Py<PyAny>,
     out: PathBuf,
     processes: usize,
     program: Vec<OsString>,
 ) -> PyResult<(Vec<String>, Option<String>)> {
     let (file, text) = sweep;
     let (system, system_text) = system.map_or((None, None), |(file, text)| (Some(file), text));
-    let source = SweepSource { file, text, system, system_text, ..SweepSource::default() };
+    let functions = arguments::functions(functions)?;
+    let has_functions = !functions.is_empty();
+    let source =
+        SweepSource { file, text, system, system_text, functions, ..SweepSource::default() };
     py.detach(|| {
         let warnings: RefCell<Vec<String>> = RefCell::default();
-        let raised = RefCell::new(None);
+        // What ends the sweep, such as Ctrl-C.
+        let raised = Rc::new(RefCell::new(None));
+        let begin = || {
+            let steps = Python::attach(|py| begin.call0(py)?.extract::<Vec<Py<PyAny>>>(py));
+            let functions = Functions::new(steps.map_err(|error| {
+                *raised.borrow_mut() = Some(error);
+                anyhow!("a run cannot begin")
+            })?);
+            let raised = raised.clone();
+            let compute = move |FunctionCall { function, time, inputs }: &FunctionCall| {
+                let computed = functions.compute(*function, *time, inputs);
+                let is_exception =
+                    |e: &PyErr| Python::attach(|py| e.is_instance_of::<PyException>(py));
+                if let Some(other) = functions.take_raised().filter(|error| !is_exception(error)) {
+                    *raised.borrow_mut() = Some(other);
+                }
+                computed
+            };
+            anyhow::Ok(Box::new(compute) as RunFunctions)
+        };
         let written = (|| {
             let session = Session::without_signals()?;
             let study = Study::open(&source)?;
@@ -52,10 +83,11 @@ pub fn sweep(
                     raised.borrow().is_some()
                 },
                 warn: &|text| warnings.borrow_mut().push(text.to_owned()),
+                functions: has_functions.then_some(&begin),
             };
             study.write(&out, &workers, |_| ())
         })();
-        if let Some(raised) = raised.into_inner() {
+        if let Some(raised) = raised.take() {
             return Err(raised);
         }
         let (_, progress) = written.map_err(error)?;

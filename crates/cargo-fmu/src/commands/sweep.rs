@@ -102,6 +102,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         },
         is_cancelled: &|| session.signal().is_some(),
         warn: &ui::warn,
+        functions: None,
     };
     let is_complete = if let Some(runs) = &args.rows {
         study.rows(runs.clone(), &workers, |line| {

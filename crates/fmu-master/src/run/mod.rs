@@ -9,5 +9,6 @@ mod worker;
 
 pub use completed::{Completed, simulate};
 pub use report::Ready;
+pub(crate) use report::Report;
 pub use supervisor::{RunOutcome, SupervisedRun, Watch, supervise};
 pub(crate) use worker::{compute_in_supervisor, serve};

@@ -2,10 +2,10 @@
 
 use std::borrow::Cow;
 
-use fmu_description::Value;
 use serde::{Deserialize, Serialize};
 
 use super::completed::Completed;
+use crate::function::FunctionCall;
 use crate::trace::Trace;
 use crate::{Column, Experiment, Note, Row, RunError};
 
@@ -18,8 +18,8 @@ pub(crate) enum Report<'a> {
     Ready(Ready),
     /// A row.
     Row(Cow<'a, Row>),
-    /// The run needs the outputs of a function: its number, the time (s), and the inputs.
-    Call(usize, f64, Cow<'a, [Value]>),
+    /// The run needs the outputs of a function.
+    Call(FunctionCall),
     /// The run has reached its end.
     Completed(Completed),
     /// The run has failed, or cannot begin.

@@ -11,7 +11,7 @@ use super::completed::Completed;
 use super::report::{Ready, Report};
 use super::rows::Rows;
 use crate::error::warn_of_calls;
-use crate::function::Computed;
+use crate::function::{Computed, FunctionCall};
 use crate::{Row, RunError};
 
 /// What a supervisor does while it waits for a worker.
@@ -143,7 +143,7 @@ pub fn supervise(
             }
             _ if cancelled.is_some() => {}
             Report::Warning(text) => (watch.warn)(&text),
-            Report::Call(function, time, inputs) => {
+            Report::Call(FunctionCall { function, time, inputs }) => {
                 worker.send(&(watch.compute)(function, time, &inputs));
             }
             Report::Ready(mut new) => {

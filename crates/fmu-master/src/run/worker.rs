@@ -6,10 +6,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::Result;
 use fmu_description::Value;
 use fmu_worker::Service;
+use serde::Serialize;
 
 use super::completed::simulate;
 use super::report::{Ready, Report};
-use crate::function::Computed;
+use crate::function::{Computed, FunctionCall};
 use crate::{Messages, Plan, Row, RunError, StartValue, trace};
 
 /// Does a run, and reports it to the supervisor. `plan` makes the plan and its start values, and may warn; the rows
@@ -59,19 +60,20 @@ fn send_row(service: &mut Service, row: &Row) {
 }
 
 /// A closure that lets the supervisor of this process compute the outputs of a function, by its number; see
-/// [`Function`](crate::Function).
+/// [`Function`](crate::Function). `report` makes what the supervisor receives.
 ///
 /// # Errors
 /// The memory that is shared with the supervisor cannot be opened.
-pub fn compute_in_supervisor(
+pub fn compute_in_supervisor<R: Serialize>(
     service: &Service,
+    report: impl Fn(FunctionCall) -> R + Clone + Send + Sync + 'static,
 ) -> Result<impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static> {
     let service = Arc::new(Mutex::new(service.another()?));
     Ok(move |function: usize, time: f64, inputs: &[Value]| {
         let mut service = service.lock().unwrap_or_else(PoisonError::into_inner);
         // Unlike a call of an FMU, a call of the supervisor has no time limit.
         service.record().end_call();
-        service.reply(&Report::Call(function, time, Cow::Borrowed(inputs)));
+        service.reply(&report(FunctionCall { function, time, inputs: inputs.to_vec() }));
         match service.task() {
             Ok(Some(computed)) => computed,
             Ok(None) => Err("the run was ended".to_owned()),

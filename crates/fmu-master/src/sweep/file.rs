@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::metrics::Criteria;
 use super::parameter::Parameter;
 use super::signals::SignalNames;
-use crate::{Advice, Literal, Order, Overrides};
+use crate::{Advice, Literal, Order, Overrides, Signature, is_fmu};
 
 /// A sweep as the user gives it.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -23,6 +23,8 @@ pub struct SweepSource {
     pub system: Option<PathBuf>,
     /// The text of a system file that is not on the disk.
     pub system_text: Option<String>,
+    /// The components that are functions.
+    pub functions: Vec<(String, Signature)>,
     /// The changes of the system, of which the folder of the FMUs, the table of inputs and the sandbox count.
     pub overrides: Overrides,
 }
@@ -69,11 +71,24 @@ impl SweepFile {
     /// # Errors
     /// It cannot be read, or is no sweep file.
     pub(super) fn read(source: &SweepSource) -> Result<(Self, String)> {
+        if source.text.is_none() && is_fmu(&source.file) {
+            let text = format!(
+                "{} is an FMU, expected a sweep file, or for a run ",
+                source.file.display()
+            );
+            return Err(Advice::Simulate.after(text));
+        }
         let text = source.text.clone().map_or_else(|| fs::read_to_string(&source.file), Ok);
         let text = text.with_context(|| format!("cannot read {}", source.file.display()))?;
         let file = toml::from_str(&text).map_err(|error| {
             let name = source.name();
             let shown = match (&source.text, error.span()) {
+                // A field is missing from the whole text.
+                (Some(_), Some(span))
+                    if span.start == 0 && error.message().starts_with("missing") =>
+                {
+                    format!("{}: {}\n", name.display(), error.message())
+                }
                 (Some(text), Some(span)) => {
                     let line = text[..span.end].rsplit('\n').next().unwrap_or_default();
                     format!("{}: {line}: {}\n", name.display(), error.message())

@@ -5,6 +5,8 @@
 //! (`metrics.rs`), and makes its row (`row.rs`); the supervisor (`supervisor.rs`, `pool.rs`) stores the rows in a
 //! [`Journal`], so that they survive a kill, and writes them as a table.
 //!
+//! A component that is a function runs in the supervisor, which makes the functions of each run anew.
+//!
 //! The same sweep produces the same table, byte for byte, for any number of processes and machines, provided
 //! that a simulation is deterministic.
 
@@ -26,8 +28,9 @@ pub use journal::Journal;
 pub use metrics::{Criteria, Metrics, MetricsAccumulator};
 pub use parameter::Parameter;
 pub use parameters::Parameters;
-pub use pool::{Workers, process_count};
+pub use pool::{RunFunctions, Workers, process_count};
 pub use progress::SweepProgress;
 pub use signals::LoopSample;
 pub use study::Study;
 pub use supervisor::Outline;
+pub(crate) use worker::serve;

@@ -8,11 +8,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use fmu_worker::{Ended, Event, Worker};
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::RunError;
 use crate::error::warn_of_calls;
+use crate::function::{Computed, FunctionCall};
 
 /// How a sweep starts its worker processes.
 pub struct Workers<'a> {
@@ -24,6 +25,25 @@ pub struct Workers<'a> {
     pub is_cancelled: &'a dyn Fn() -> bool,
     /// Receives warnings: of each call that does not return for long, and of a process that an FMU has forked.
     pub warn: &'a dyn Fn(&str),
+    /// Makes the functions of each run, with a state of their own, if the system has functions.
+    pub functions: Option<&'a dyn Fn() -> Result<RunFunctions>>,
+}
+
+/// Computes the outputs of the functions of a run.
+pub type RunFunctions = Box<dyn Fn(&FunctionCall) -> Computed>;
+
+/// What a worker replies.
+#[derive(Serialize, Deserialize)]
+pub(super) enum WorkerReply<R> {
+    /// The run in progress needs the outputs of a function.
+    Call(FunctionCall),
+    /// The task is done.
+    Done {
+        /// What came of it.
+        reply: R,
+        /// Whether an FMU must not be called again, so that the worker gets no more tasks.
+        is_lost: bool,
+    },
 }
 
 /// The number of processes that the user asks for; 0 is one per core.
@@ -59,9 +79,10 @@ const AHEAD: Duration = Duration::from_millis(32);
 const MAX_AHEAD: usize = 256;
 /// The time that workers have to free their FMUs at the end.
 const FAREWELL: Duration = Duration::from_secs(2);
+/// The time after the call of a function in which the next one may come soon.
+const SOON: Duration = Duration::from_micros(200);
 
-/// The running workers of a sweep, which get tasks of type `T` and reply once to each. A reply also says whether the
-/// worker must get no more tasks.
+/// The running workers of a sweep, which get tasks of type `T`, reply once to each, and may call functions before.
 pub(crate) struct Pool<'a, T> {
     setup: &'a Workers<'a>,
     /// The components and their FMUs.
@@ -72,6 +93,10 @@ pub(crate) struct Pool<'a, T> {
 /// A worker with its tasks.
 struct Busy<T> {
     worker: Worker,
+    /// The functions of the run in progress.
+    functions: Option<RunFunctions>,
+    /// When it last called one.
+    called: Option<Instant>,
     /// What it has been asked to do and has not yet replied to, in order.
     tasks: VecDeque<T>,
     /// The number of tasks that it gets ahead.
@@ -136,7 +161,9 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                 }
                 // Less and less at the end, so that all workers end at about the same time.
                 let share = rest / (2 * self.setup.count as u64);
-                let ahead = busy.ahead.min(share.max(1) as usize);
+                // The outputs of functions come by the same way as tasks, so that a task must not be between them.
+                let most = if self.setup.functions.is_some() { 1 } else { busy.ahead };
+                let ahead = most.min(share.max(1) as usize);
                 if ahead < busy.ahead {
                     pause = FIRST_PERIOD;
                 }
@@ -147,6 +174,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     if busy.tasks.is_empty() {
                         (busy.since, pause) = (Instant::now(), FIRST_PERIOD);
                     }
+                    busy.functions = self.setup.functions.map(|make| make()).transpose()?;
                     busy.worker.send(&task);
                     busy.tasks.push_back(task);
                 }
@@ -158,13 +186,20 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     None => return Ok(true),
                 }
             }
-            thread::sleep(pause);
+            let is_called = |busy: &Busy<T>| busy.called.is_some_and(|at| at.elapsed() < SOON);
+            if self.busy.iter().any(is_called) {
+                thread::yield_now();
+            } else {
+                thread::sleep(pause);
+            }
         }
     }
 
     fn start(&mut self) -> Result<()> {
         self.busy.push(Busy {
             worker: (self.setup.start)().context("cannot start a worker process")?,
+            functions: None,
+            called: None,
             tasks: VecDeque::new(),
             ahead: 1,
             since: Instant::now(),
@@ -197,7 +232,7 @@ impl<T> Drop for Pool<'_, T> {
 }
 
 impl<T: Copy> Busy<T> {
-    /// Passes on the replies; returns why the worker gets no more tasks, if so. A worker that has soon done more than
+    /// Passes on the replies, and computes the outputs of functions; returns why the worker gets no more tasks, if so. A worker that has soon done more than
     /// half of its tasks gets twice as many from now on; one whose tasks take long gets one at a time.
     fn collect<R: DeserializeOwned>(
         &mut self,
@@ -210,13 +245,21 @@ impl<T: Copy> Busy<T> {
         {
             match event {
                 Event::Ended(how) => end = Some(End::Process(how)),
-                Event::Replied => {
-                    let task =
-                        self.tasks.pop_front().context("a worker sent a reply without a task")?;
-                    let (reply, is_lost) = self.worker.reply::<(R, bool)>()?;
-                    outcomes.push((task, TaskOutcome::Reply(reply)));
-                    end = is_lost.then_some(End::Lost);
-                }
+                Event::Replied => match self.worker.reply::<WorkerReply<R>>()? {
+                    WorkerReply::Call(call) => {
+                        let functions = self.functions.as_ref();
+                        let compute =
+                            functions.context("a worker called a function without a task")?;
+                        self.worker.send(&compute(&call));
+                        self.called = Some(Instant::now());
+                    }
+                    WorkerReply::Done { reply, is_lost } => {
+                        let task = self.tasks.pop_front();
+                        let task = task.context("a worker sent a reply without a task")?;
+                        outcomes.push((task, TaskOutcome::Reply(reply)));
+                        end = is_lost.then_some(End::Lost);
+                    }
+                },
             }
         }
         let has_replied = !outcomes.is_empty();

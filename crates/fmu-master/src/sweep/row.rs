@@ -50,7 +50,12 @@ impl RunRow {
         metrics: &Metrics,
         error: Option<&RunError>,
     ) -> Result<Self> {
-        let failure = error.map(|error| error.event().replace(char::is_control, " "));
+        let failure = error.map(|error| match error.is_of_function() {
+            // What a function says is the same in every run of the same sweep.
+            true => error.to_string(),
+            false => error.event(),
+        });
+        let failure = failure.map(|text| text.replace(char::is_control, " "));
         let values = parameters.run(index)?.into_iter().map(|(_, value)| Some(value));
         let cells = [Some(Value::UInt64(index))].into_iter().chain(values).chain(metrics.cells());
         let mut line = String::new();

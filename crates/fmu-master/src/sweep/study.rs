@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
+use fmu_description::Value;
 use fmu_description::hash::checksum;
 
 use super::file::{SweepFile, SweepSource};
@@ -13,6 +14,7 @@ use super::metrics::{Criteria, Metrics};
 use super::parameters::Parameters;
 use super::row::{self, RunRow};
 use super::signals::SignalPlaces;
+use crate::function::Computed;
 use crate::table::Column;
 use crate::{Description, Literal, Plan, RunError, StartValue, SystemOrigin, locate};
 
@@ -34,22 +36,41 @@ pub struct Study {
     set: Vec<StartValue>,
     pub(super) signals: SignalPlaces,
     pub(super) criteria: Criteria,
+    /// Whether the system has functions, of which nobody knows whether they are those of an earlier sweep.
+    pub(super) has_functions: bool,
 }
 
 impl Study {
-    /// Reads a sweep and loads the FMUs of its system.
+    /// Reads a sweep and loads the FMUs of its system, in the supervisor, which simulates no run.
     ///
     /// # Errors
     /// A file cannot be read, or its contents do not fit.
     pub fn open(source: &SweepSource) -> Result<Self> {
+        let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
+        Self::open_with(source, &never)
+    }
+
+    /// As [`Self::open`]; `compute` computes the outputs of a function, by its number, at a time (s).
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub(super) fn open_with(
+        source: &SweepSource,
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+    ) -> Result<Self> {
         let (file, text) = SweepFile::read(source)?;
-        Self::load(source, &text, file).map_err(|error| match &source.text {
+        Self::load(source, &text, file, compute).map_err(|error| match &source.text {
             None => locate(error, &source.file, &text),
             Some(_) => error.context(source.name().display().to_string()),
         })
     }
 
-    fn load(source: &SweepSource, text: &str, file: SweepFile) -> Result<Self> {
+    fn load(
+        source: &SweepSource,
+        text: &str,
+        file: SweepFile,
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+    ) -> Result<Self> {
         let beside = || source.file.with_file_name("").join(&file.system);
         let system = source.system.clone().unwrap_or_else(beside);
         let mut description = match &source.system_text {
@@ -57,6 +78,7 @@ impl Study {
             None => Description::open(&system)?,
         };
         file.overrides(&source.overrides).apply(&mut description);
+        description.set_functions(&source.functions, compute)?;
         let files = files(&system, &description);
         let system_text = source.system_text.as_deref();
         let fingerprint = fingerprint(text, system_text, files.iter().map(|(_, file)| &**file))?;
@@ -68,6 +90,7 @@ impl Study {
             set: set.collect::<Result<_>>()?,
             columns: row::columns(&parameters),
             criteria: file.metrics,
+            has_functions: !source.functions.is_empty(),
             sweep: source.name(),
             signals,
             plan,
@@ -113,7 +136,8 @@ fn files(system: &Path, description: &Description) -> Vec<(PathBuf, PathBuf)> {
     let folder = system.parent().unwrap_or(Path::new(""));
     let parts = description.package.iter().flat_map(|package| &package.files);
     let parts = parts.map(|file| (file.strip_prefix(folder).unwrap_or(file).into(), file));
-    let fmus = description.components.iter().map(|component| &component.fmu);
+    let components = description.components.iter().filter(|part| part.function.is_none());
+    let fmus = components.map(|component| &component.fmu);
     let named = fmus.chain(&description.input).map(|file| (name(file), file));
     let own = Path::new("system").with_extension(system.extension().unwrap_or_default());
     let others = named.chain(parts).map(|(place, file)| (place, file.clone()));

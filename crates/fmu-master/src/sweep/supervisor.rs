@@ -13,6 +13,7 @@ use super::pool::{Pool, TaskOutcome, Workers};
 use super::progress::SweepProgress;
 use super::study::Study;
 use super::worker::{SweepReply, SweepTask};
+use crate::Advice;
 
 /// The information that the coordinator of a distributed sweep needs.
 #[derive(Debug, Serialize)]
@@ -146,6 +147,8 @@ impl Study {
         pool.dismiss();
         match is_complete {
             true => journal.finish(|cell| progress.add_row(&self.columns, cell))?,
+            // Nobody could resume it.
+            false if self.has_functions => journal.remove()?,
             false => journal.keep()?,
         }
         Ok((is_complete, progress))
@@ -153,7 +156,15 @@ impl Study {
 
     fn journal(&self, file: &Path) -> Result<Journal> {
         let (columns, runs) = (self.columns.clone(), self.parameters.runs);
-        Journal::open(file, &self.fingerprint, columns, runs)
+        let journal = Journal::open(file, &self.fingerprint, columns, runs)?;
+        if self.has_functions && journal.missing() != [(0, runs)] {
+            let text = format!(
+                "{}.part has rows of a sweep whose functions may have been others: delete it or give ",
+                file.display()
+            );
+            return Err(Advice::AnotherTable.after(text));
+        }
+        Ok(journal)
     }
 
     /// Collects the rows of a sweep that other machines run: `begin` receives the outline and the ranges of

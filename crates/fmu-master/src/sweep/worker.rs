@@ -4,9 +4,12 @@ use anyhow::{Context, Result};
 use fmu_worker::{Record, Service};
 use serde::{Deserialize, Serialize};
 
+use super::file::SweepSource;
 use super::metrics::MetricsAccumulator;
+use super::pool::WorkerReply;
 use super::row::RunRow;
 use super::study::Study;
+use crate::run::compute_in_supervisor;
 use crate::{Messages, RunError, Simulation};
 
 /// A task of a worker.
@@ -18,6 +21,15 @@ pub(super) enum SweepTask {
     Simulate(u64),
 }
 
+/// Does the tasks of the supervisor, which computes the outputs of functions.
+///
+/// # Errors
+/// The files of the sweep have changed, or a task is damaged.
+pub fn serve(service: &mut Service, source: &SweepSource) -> Result<()> {
+    let compute = compute_in_supervisor(service, WorkerReply::<SweepReply>::Call)?;
+    Study::open_with(source, &compute)?.serve(service)
+}
+
 /// The reply of a worker: the row of a run unless it was only tried, or why it cannot be started.
 pub(super) type SweepReply = Result<Option<RunRow>, String>;
 
@@ -26,7 +38,7 @@ impl Study {
     ///
     /// # Errors
     /// A task is damaged.
-    pub fn serve(&self, service: &mut Service) -> Result<()> {
+    fn serve(&self, service: &mut Service) -> Result<()> {
         while let Some(task) = service.task()? {
             let record = service.record();
             let reply = match task {
@@ -38,7 +50,7 @@ impl Study {
             };
             let is_lost = self.plan.components.iter().any(|component| component.fmu.is_lost());
             let reply: SweepReply = reply.map_err(|error| format!("{error:#}"));
-            service.reply(&(reply, is_lost));
+            service.reply(&WorkerReply::Done { reply, is_lost });
             if is_lost {
                 break;
             }

@@ -52,6 +52,8 @@ def main(program: Sequence[str], arguments: Sequence[str]) -> None: ...
 def sweep(
     sweep: tuple[Path, str | None],
     system: tuple[Path, str | None] | None,
+    functions: Sequence[tuple[str, Mapping[str, Any]]],
+    begin: Callable[[], Sequence[Callable[..., Any]]],
     out: Path,
     processes: int,
     program: Sequence[str],

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
+import dis
 import inspect
 import pickle
+import types
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -39,6 +43,35 @@ class PythonComponent:
                 expected = "expected `reset` in `python_component`, which begins each run anew"
                 warnings.warn(f"{text}, {expected}", stacklevel=3)
 
+    def begin_run(self, is_apart: bool) -> Callable[..., Any]:
+        """Prepare a run of a sweep; return the function, with a state of its own if `is_apart`."""
+        if self.reset is not None:
+            self.reset()
+        return _copied(self.step, {}) if is_apart else self.step
+
+    def can_run_apart(self) -> bool:
+        """Return whether several runs at the same time can have a state of their own.
+
+        Raises
+        ------
+        TypeError
+            They cannot, and there is no `reset` with which each run could begin after the last one.
+        """
+        try:
+            is_apart = _copied(self.step, {}) is not self.step
+            reason = ""
+        except Exception as error:  # whatever the object raises
+            is_apart, reason = False, f"cannot be copied ({type(error).__name__}: {error})"
+        if not is_apart and not reason and _changes_globals(self.step):
+            reason = "changes global variables"
+        if reason and self.reset is None:
+            expected = (
+                "expected `reset` in `python_component`, with which one run follows the other"
+            )
+            raise TypeError(f"the function {reason}, {expected}")
+        # A function that is reset has a state, though nobody knows where.
+        return is_apart or self.reset is None
+
     def signature(self) -> dict[str, Any]:
         """Return what the native module needs of it."""
 
@@ -53,6 +86,32 @@ class PythonComponent:
 def _owner(step: Callable[..., Any]) -> object:
     """Return the object of a method, or the callable object itself."""
     return getattr(step, "__self__", step) if inspect.ismethod(step) else step
+
+
+def _copied(step: Any, memo: dict[int, Any]) -> Any:
+    """Return a copy of an object with its state, also of a function with what it has captured."""
+    if not isinstance(step, types.FunctionType):
+        return step if isinstance(step, types.ModuleType) else copy.deepcopy(step, memo)
+    if id(step) in memo:
+        return memo[id(step)]
+    if not (step.__closure__ or step.__defaults__ or step.__kwdefaults__):
+        return step
+    cells = step.__closure__ or ()
+    own = [memo.setdefault(id(cell), types.CellType()) for cell in cells]
+    function = types.FunctionType(step.__code__, step.__globals__, step.__name__, None, tuple(own))
+    memo[id(step)] = function
+    function.__defaults__ = copy.deepcopy(step.__defaults__, memo)
+    function.__kwdefaults__ = copy.deepcopy(step.__kwdefaults__, memo)
+    for cell, new in zip(cells, own, strict=True):
+        with contextlib.suppress(ValueError):  # of a variable that has no value yet
+            new.cell_contents = _copied(cell.cell_contents, memo)
+    return function
+
+
+def _changes_globals(step: Any) -> bool:
+    """Return whether a function assigns to global variables."""
+    code = getattr(step, "__code__", None)
+    return code is not None and any(i.opname == "STORE_GLOBAL" for i in dis.get_instructions(code))
 
 
 def _state(step: Callable[..., Any]) -> dict[str, Any]:
@@ -98,7 +157,10 @@ def python_component(
         Types of variables by name: "Float64", which is the default, "Int64" or "Boolean".
     reset
         Called before each run, for a function that keeps a state. Without it, a run begins with the
-        state that the one before has left; a warning says so if the function is a method.
+        state that the one before has left; a warning says so if the function is a method. In a
+        sweep, each run has a copy of the function and of the object of a method, or of what a
+        function has captured. If it cannot be copied, or is a plain function with `reset`, one run
+        follows the other.
 
     Examples
     --------

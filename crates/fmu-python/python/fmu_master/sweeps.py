@@ -7,7 +7,7 @@ import os
 import tempfile
 import tomllib
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,8 @@ from .system import System
 if TYPE_CHECKING:
     from distributed import Client
 
+    from .components import PythonComponent
+
 
 class Sweep:
     """A sweep that is ready to run.
@@ -30,9 +32,11 @@ class Sweep:
         A sweep file, a dict with its keys, or a mapping or data frame that has an array for each
         `component.variable`, with a start value for each run.
     system
-        A `System` or a description of one; a sweep file names its own.
+        A `System` or a description of one; a sweep file names its own. Each run has its own copy of
+        components in Python, whose exceptions are its `failure`.
     out
-        The table to write, `.csv` or `.parquet`. An interrupted sweep resumes if it has a table.
+        The table to write, `.csv` or `.parquet`. An interrupted sweep resumes if it has a table,
+        unless it has components in Python.
     signals
         The variables from which the metrics are computed: `reference`, `output`, `error` and
         `control`; they replace those of the plan.
@@ -100,18 +104,36 @@ class Sweep:
         """Run the sweep in worker processes, by default one for each core; return the table."""
         if processes < 0:
             raise ValueError(f"processes = {processes}, expected at least 0")
-        system = None
+        system, functions = None, []
         if self.system is not None:
             is_file = self.system.description is None
-            system = (self.system.file, None if is_file else self.system.toml)
+            system = (self.system.file, None if is_file else self.system._text())
+            functions = self.system._functions()
+        are_apart = [self._runs_apart(name, function) for name, function in functions]
+        processes = processes if all(are_apart) else 1
+        signatures = [(name, function.signature()) for name, function in functions]
+
+        def begin() -> list[Callable[..., Any]]:
+            pairs = zip(functions, are_apart, strict=True)
+            return [function.begin_run(is_apart) for (_, function), is_apart in pairs]
+
         source = (Path("sweep.toml"), self._text()) if self.file is None else (self.file, None)
         with self.table() as out:
-            texts, failure = _native.sweep(source, system, out, processes, COMMAND)
+            done = _native.sweep(source, system, signatures, begin, out, processes, COMMAND)
+            texts, failure = done
             for text in texts:
                 warnings.warn(text, stacklevel=2)
             if failure is not None:
                 raise self._error(failure, out)
             return read(out)
+
+    @staticmethod
+    def _runs_apart(name: str, function: PythonComponent) -> bool:
+        """Return whether runs of a component may be at the same time."""
+        try:
+            return function.can_run_apart()
+        except TypeError as error:
+            raise FmuError(f"{name}: {error}") from error
 
     def _text(self) -> str:
         """Return the text of a sweep file."""
@@ -125,6 +147,9 @@ class Sweep:
         """
         from ._dask import distribute
 
+        if self.system is not None and (functions := self.system._functions()):
+            name = functions[0][0]
+            raise FmuError(f"{name} is a function of Python, expected `run`, as Dask has only FMUs")
         with self.files() as arguments, self.table() as out:
             arguments = [*arguments, "--out", str(out)]
             code, _, errors = distribute(arguments, lambda: contextlib.nullcontext(client))
