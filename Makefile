@@ -119,7 +119,7 @@ sources: program
 
 ## page: write a page that runs the FMUs in the browser, one file without server: target/page/index.html
 page: wasm
-	$(PYTHON) web/build.py
+	$(PYTHON) web/build.py $(if $(PAGE_URL),--url "$(PAGE_URL)")
 
 ## wheel: package module and command line for pip, for Linux with glibc 2.17 or newer, to target/wheels; test it
 wheel: $(VENV)/.test $(VENV)/.wheel
@@ -208,7 +208,7 @@ ssp: fmus
 	$(FMU) export IpidRbf --name SupervisedIpidRbf --set rbf.target=supervisor --out target/variants
 	$(FMU) ssp examples/ssp/*.toml
 
-# picture: record the page for the README
+# picture: record the page for the README and for its link preview
 picture: page $(VENV)/.test
 	$(RUN) web/record.py
 

@@ -1,8 +1,12 @@
 """The page that runs the FMUs, in headless Chromium, and its calls of components in Node, too."""
 
 import base64
+import math
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +14,7 @@ import numpy as np
 import pytest
 import wasmtime
 from fmpy import read_model_description
+from PIL import Image
 
 import needs
 import node
@@ -40,7 +45,7 @@ def page(browser: "Browser", page_file: Path) -> Iterator["Page"]:
     yield page
     page.close()
     assert errors == []
-    assert all(request.startswith("file:") for request in requests)
+    assert all(request.startswith(("file:", "data:")) for request in requests)
 
 
 Coupled = Callable[[list[dict]], list[dict[str, str]]]
@@ -224,6 +229,8 @@ def test_a_component_that_was_compiled_for_wasi_runs(page, tmp_path):
     page.evaluate("settings.r = 20; advance(1)")
     needed = "the component needs wasi:cli/exit@0.2.0 exit, which this page does not have"
     assert page.locator("#message").inner_text().endswith(needed)
+    page.evaluate("advance(1); draw()")  # without the row of the loop that has stopped
+    assert page.locator(".swing").count() == page.evaluate("loops.length") == 2
 
 
 def test_a_push_is_reported_and_the_fmus_can_be_saved(page):
@@ -245,3 +252,197 @@ def test_a_push_is_reported_and_the_fmus_can_be_saved(page):
     with page.expect_download() as saved:
         page.locator("#downloads a", has_text="PidRbf").first.click()
     assert Path(saved.value.path()).read_bytes() == (WASM / "PidRbf_fmi3.fmu").read_bytes()
+
+
+OUTCOME = """loops.map(({ largestError, hasFallen, history }) => {
+    const forces = history.filter(({ t }) => t > time - 1).map(({ force }) => force[0]);
+    const range = Math.max(...forces) - Math.min(...forces);
+    return { error: hasFallen ? Infinity : degrees(largestError), range };
+})"""
+"""The largest error of each loop since the push in degrees, and the range of its last forces."""
+
+CLAIMS: dict[str, Callable[[dict, dict], bool]] = {
+    "A push": lambda pid, network: pid["error"] > 3 * network["error"] > 3,
+    "The paper's step": lambda pid, network: network["error"] < pid["error"] / 10,
+    "8 ms late: the network loses": lambda pid, network: network["error"] > 2 * pid["error"] > 5,
+    "No integral": lambda pid, network: pid["before"] > 1 > 100 * network["before"],
+    "Weak gains": lambda pid, network: math.isinf(pid["error"]) and network["error"] < 60,
+    "Learning too fast": lambda pid, network: network["range"] > 100 > 10 * pid["range"],
+    "At the limit": lambda pid, network: 40 < 0.9 * pid["error"] < network["error"] < 90,
+}
+"""What the sentence of each preset says, of PID and of each network."""
+
+
+@pytest.mark.parametrize("preset", CLAIMS)
+def test_a_preset_shows_what_its_sentence_says(page, preset):
+    page.evaluate("running = false")
+    page.locator("#on-IpidRbf").check()
+    assert page.locator("#presets a").all_inner_texts() == list(CLAIMS)
+    page.locator("#presets a", has_text=preset).click()
+    page.wait_for_selector(f'#presets a[aria-current]:text-is("{preset}")')
+    page.wait_for_function("time === 0 || Math.abs(time - SETTLE) < 1e-9")
+    before = page.evaluate("loops.map(({ history }) => Math.abs(history.at(-1).error[0]))")
+    page.evaluate("pass(3); draw()")
+    outcome = page.evaluate(OUTCOME)
+    pid, *networks = [{**loop, "before": e} for loop, e in zip(outcome, before, strict=True)]
+    assert len(networks) == 2
+    assert all(CLAIMS[preset](pid, network) for network in networks), outcome
+
+
+def test_the_default_push_can_be_seen_and_no_controller_falls(page):
+    page.evaluate("running = false")
+    page.locator("#on-IpidRbf").check()
+    for side in ("left", "right"):
+        page.evaluate("restart()")
+        page.locator(f"#{side}").click()
+        page.evaluate("pass(5)")
+        errors = [loop["error"] for loop in page.evaluate(OUTCOME)]
+        assert all(2 < error < 10 for error in errors), errors
+        assert max(map(abs, page.evaluate("loops.map((loop) => degrees(loop.state.theta))"))) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("address", "told", "setting", "used"),
+    [
+        ("on=Nope", "on=Nope: expected Pid, PidRbf, IpidRbf, or an FMU", "on", "Pid,PidRbf"),
+        ("on=Pendulum", "on=Pendulum: expected Pid, PidRbf", "on", "Pid,PidRbf"),
+        ("on=IpidRbf,Nope,constructor", "on=Nope,constructor: expected", "on", "IpidRbf"),
+        ("dynamics=1", "dynamics=1: expected 3 (nonlinear) or 2 (linear); 3 is", "dynamics", "3"),
+        ("r=61", "r=61: expected a number from -60 to 60; 0 is used instead", "r", 0),
+        ("kp=NaN", "kp=NaN: expected a number from 0 to 1000; 300 is", "kp", 300),
+        ("M=", "M=: expected a number from 0.2 to 5; 1.096 is", "M", 1.096),
+        ("delay=1.5", "delay=1.5: expected a whole number from 0 to 30", "delay", 0),
+        ("kq=1&kp=7", "kq=1: expected one of the settings r, d, push", "kp", 7),
+    ],
+)
+def test_what_an_address_has_wrong_is_said(page, address, told, setting, used):
+    page.evaluate("(address) => { location.hash = address; }", address)
+    page.wait_for_selector("#message.error")
+    assert page.locator("#message").inner_text().startswith(f"Not used of the address:\n{told}")
+    assert page.evaluate("(name) => settings[name]", setting) == used
+    assert page.evaluate("loops.map(({ name }) => name).join()") == page.evaluate("settings.on")
+    page.locator("#reset").click()
+    assert page.locator("#message").inner_text() == ""
+
+
+def test_many_wrong_values_are_counted_and_no_controller_is_said(page):
+    page.evaluate("location.hash = 'on=&a=1&b=1&c=1&e=1&f=1'")
+    page.wait_for_selector("#message.error")
+    assert page.locator("#message").inner_text().endswith("\nand 2 more")
+    page.wait_for_function("element('swung').textContent.startsWith('No controller')")
+
+
+def test_the_link_has_all_settings_and_the_browser_goes_back(page):
+    page.locator("#presets a", has_text="8 ms late").click()
+    page.wait_for_function("settings.delay === 8")
+    page.locator("#kd").fill("90")
+    page.locator("#on-IpidRbf").check()
+    page.locator("#copy").click()
+    page.wait_for_function("element('copy').textContent === 'Copied'")
+    page.evaluate("element('message').outerHTML += '<textarea id=pasted></textarea>'")
+    page.locator("#pasted").focus()
+    page.keyboard.press("Control+V")
+    link = page.locator("#pasted").input_value()
+    shared = "({ ...settings, names: loops.map(({ name }) => name) })"
+    settings = page.evaluate(shared)
+    assert all(name in f"&{link.partition('#')[2]}" for name in settings if name != "names")
+    page.locator("#presets a", has_text="A push").click()
+    page.wait_for_function("settings.delay === 0")
+    assert page.evaluate("settings.kd") == 100
+    page.go_back()
+    page.wait_for_function("settings.delay === 8")
+    assert page.evaluate(shared) == settings
+    assert page.locator("#kd").input_value() == "90"
+    page.goto("about:blank")
+    page.goto(link)
+    page.wait_for_function("loops.length > 0")
+    assert page.evaluate(shared) == settings
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_the_carts_first_and_its_controls_can_be_touched(
+    browser, page_file, scheme, components
+):
+    context = browser.new_context(
+        viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True, color_scheme=scheme
+    )
+    page = context.new_page()
+    page.goto(f"{page_file.as_uri()}#on=Pid,PidRbf,IpidRbf,A-name-that-is-longer-than-the-others")
+    page.wait_for_selector("#message.error")
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    controls = page.locator("button, select, input[type=range], input[type=file], a, .controller")
+    boxes = [control.bounding_box() for control in controls.all()]
+    assert len(boxes) > 30
+    assert all(box["height"] >= 44 for box in boxes)
+    assert all(0 <= box["x"] <= box["x"] + box["width"] <= 390 for box in boxes)
+    page.locator("#reset").click()
+    assert page.locator("#right").bounding_box()["y"] < 844 - 44
+    context.close()
+
+
+def test_without_motion_a_push_shows_what_follows_it(browser, page_file):
+    page = browser.new_page(reduced_motion="reduce", bypass_csp=True)
+    page.goto(page_file.as_uri())
+    page.wait_for_function("loops.length > 0")
+    assert page.locator("#run").inner_text() == "Run"
+    assert page.evaluate("time") == pytest.approx(3.0)
+    page.locator("#right").click()
+    assert page.evaluate("time") == pytest.approx(6.0)
+    page.wait_for_function(
+        "element('told').textContent.endsWith(element('effect').innerText.split('\\n').at(-1))"
+    )
+    page.close()
+
+
+class Head(HTMLParser):
+    """The elements of a page that link previews read."""
+
+    def __init__(self, file: Path) -> None:
+        """Read a page."""
+        super().__init__()
+        self.meta: dict[str | None, str | None] = {}
+        self.links: dict[str | None, str | None] = {}
+        self.feed(file.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Take an element."""
+        given = dict(attrs)
+        if tag == "meta":
+            self.meta[given.get("property", given.get("name"))] = given.get("content")
+        if tag == "link":
+            self.links[given["rel"]] = given["href"]
+
+
+def build(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Write the page to a folder."""
+    command = [sys.executable, ROOT / "web/build.py", "--out", out, *options]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_link_preview_has_a_picture_when_the_address_is_known(components, tmp_path):
+    assert build(tmp_path / "with", "--url", "https://example.org/a&b").returncode == 0
+    head = Head(tmp_path / "with" / "index.html")
+    assert head.meta["og:url"] == head.links["canonical"] == "https://example.org/a&b/"
+    assert head.meta["og:image"] == "https://example.org/a&b/preview.png"
+    assert head.meta["twitter:card"] == "summary_large_image"
+    with Image.open(tmp_path / "with" / "preview.png") as picture:
+        size = (head.meta["og:image:width"], head.meta["og:image:height"])
+        assert tuple(map(str, picture.size)) == size
+    assert build(tmp_path / "without").returncode == 0
+    assert [file.name for file in (tmp_path / "without").iterdir()] == ["index.html"]
+    head = Head(tmp_path / "without" / "index.html")
+    assert head.meta["twitter:card"] == "summary"
+    assert head.meta["og:title"]
+    assert 50 < len(head.meta["og:description"] or "") < 200
+    assert {"og:url", "og:image"}.isdisjoint(head.meta)
+    assert "{{" not in (tmp_path / "without" / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "url", ["example.org", "ftp://example.org", "https://", "https://e.org/?a"]
+)
+def test_an_address_that_is_none_is_refused(tmp_path, url):
+    done = build(tmp_path / "page", "--url", url)
+    assert done.returncode == 2
+    assert f"{url!r}: expected the address of the page, such as https://" in done.stderr
+    assert not (tmp_path / "page").exists()
