@@ -7,20 +7,16 @@ import resource
 import shutil
 import subprocess
 import sys
-import threading
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
-from gymnasium.utils.env_checker import check_env
 from lxml import etree
 
 import fmu_master.linear
 import reference
-from fmu_master import FmuError, System, compare, python_component, simulate
-from fmu_master.gym import FmuEnv
+from fmu_master import FmuError, System, compare, simulate
 from fmu_master.linear import Linear, linearize
 from fmu_master.testing import assert_carries
 from fmu_master.tuning import Tuned, tune
@@ -451,83 +447,3 @@ def test_linearize_of_a_system_keeps_to_the_bounds_of_inputs(tmp_path, low, high
     assert model.poles.real == pytest.approx([-0.5], rel=1e-4)
     assert model.D.item() == pytest.approx(2, rel=1e-4)
     assert (model.C @ model.B).item() == pytest.approx(2 - 2 * math.exp(-0.05), rel=1e-4)
-
-
-# --- reinforcement learning -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("prefix", ["", "plant."])
-@pytest.mark.parametrize("in_process", [False, True])
-def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus, prefix, in_process):
-    plant = fmus / "Pendulum.fmu"
-    meter = python_component(["x"], ["y"], lambda t, x: 100 * x)
-    loop = System(
-        components={"plant": plant, "meter": meter},
-        connections=[("plant.x", "meter.x")],
-        step=0.01,
-        stop=1.0,
-    )
-    make = partial(
-        FmuEnv,
-        loop if prefix else plant,
-        actions={f"{prefix}u": (-100.0, 100.0)},
-        observations={f"{prefix}theta": (-0.2, 0.2), f"{prefix}omega": (-5.0, 5.0)},
-        reward=lambda observation, action: -(observation[0] ** 2),
-        stop_time=0.5,
-        start=lambda random: {f"{prefix}theta0": random.uniform(-0.05, 0.05)},
-        in_process=in_process,
-    )
-    if prefix:
-        with pytest.raises(ValueError, match=r"step_size = 0.015, expected a multiple of 0.01 s"):
-            make(step_size=0.015).reset()
-    env = make(step_size=0.01)
-    check_env(env, skip_render_check=True)
-    first, _ = env.reset(seed=5)
-    np.testing.assert_array_equal(env.reset(seed=5)[0], first)
-    state, force = env.reset(options={f"{prefix}theta0": 0.1})[0], 2.0
-    assert state == pytest.approx([0.1, 0])
-    both = np.block([[PLANT, FORCE_ON_PLANT], [np.zeros((1, 5))]])
-    ends = []
-    for k in range(1, 51):
-        state, reward, terminated, truncated, info = env.step(np.array([force]))
-        expected = scipy.linalg.expm(both * 0.01 * k) @ [0.1, 0, 0, 0, force]
-        np.testing.assert_allclose(state, expected[:2], rtol=1e-9)
-        assert reward == pytest.approx(-(expected[0] ** 2))
-        assert terminated == bool(abs(expected[0]) > 0.2 or abs(expected[1]) > 5)
-        ends.append(truncated)
-    assert ends == [False] * 49 + [True]
-    assert info["time"] == pytest.approx(0.5)
-    env.close()
-    with pytest.raises(FmuError, match="has no variable force"):
-        env.reset(options={f"{prefix}force": 1.0})
-    with pytest.raises(RuntimeError, match="expected a call of reset first"):
-        env.step(np.array([0.0]))
-
-
-def waiting(plant: Path | str) -> FmuEnv:
-    """Return an environment whose run waits for an action."""
-    env = FmuEnv(
-        System(components={"plant": plant}, connections=[], step=0.01, stop=1.0),
-        actions={"plant.u": (-1.0, 1.0)},
-        observations={"plant.theta": (-0.2, 0.2)},
-        reward=lambda observation, action: 0.0,
-        step_size=0.01,
-        stop_time=0.5,
-    )
-    env.reset()
-    return env
-
-
-def test_an_environment_that_is_dropped_ends_its_run(fmus):
-    before = set(threading.enumerate())
-    env = waiting(fmus / "Pendulum.fmu")
-    (run,) = set(threading.enumerate()) - before
-    del env
-    run.join(10)
-    assert not run.is_alive()
-
-
-def test_an_environment_that_is_never_closed_lets_python_end(fmus):
-    code = "import sys, test_engineering; env = test_engineering.waiting(sys.argv[1])"
-    plant = (fmus / "Pendulum.fmu").absolute()
-    subprocess.run([sys.executable, "-c", code, plant], check=True, cwd=ROOT / "tests")

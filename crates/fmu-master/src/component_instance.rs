@@ -300,7 +300,12 @@ impl<'a> ComponentInstance<'a> {
     /// Handles a warning or an error of a step. Whether a discarded step of FMI 2.0 ends the simulation is asked
     /// for, as few FMUs can tell.
     #[cold]
-    fn check_step(&mut self, outcome: fmu_host::Result, time: f64, step: f64) -> CallResult {
+    pub(crate) fn check_step(
+        &mut self,
+        outcome: fmu_host::Result,
+        time: f64,
+        step: f64,
+    ) -> CallResult {
         let is_discarded =
             matches!(&outcome, Err(f) if f.cause == Cause::Returned(Status::Discard));
         let checked = self.check(outcome, || format!("step of {step:?} s"));
@@ -361,7 +366,11 @@ impl<'a> ComponentInstance<'a> {
     }
 
     #[cold]
-    fn check_reading(&mut self, outcome: fmu_host::Result, scalars: &AccessList) -> CallResult {
+    pub(crate) fn check_reading(
+        &mut self,
+        outcome: fmu_host::Result,
+        scalars: &AccessList,
+    ) -> CallResult {
         let names = scalars.scalars.iter().map(|scalar| self.fmu.name(*scalar));
         let what = Vec::from_iter(names).join(", ");
         self.check(outcome, || what)
@@ -461,7 +470,7 @@ impl<'a> ComponentInstance<'a> {
     }
 
     #[cold]
-    fn check_writing(
+    pub(crate) fn check_writing(
         &mut self,
         outcome: fmu_host::Result,
         inputs: &AccessList,

@@ -15,6 +15,7 @@ use crate::start::{scalar_literals, sizes};
 use crate::{Component, Description, Fmu};
 
 /// A component whose FMU is loaded.
+#[derive(Clone)]
 pub struct LoadedComponent {
     /// Its name in the system.
     pub name: String,

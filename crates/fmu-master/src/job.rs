@@ -14,6 +14,7 @@ use crate::function::Computed;
 use crate::run::{self, Report};
 use crate::stepped_fmu::{self, Setup};
 use crate::sweep::{self, SweepSource};
+use crate::vector::{self, ShareSource};
 use crate::{Description, Overrides, Plan, Signature, StartValue, is_fmu, locate};
 
 /// The job of a worker process.
@@ -30,6 +31,8 @@ pub enum Job {
     Sweep(SweepSource),
     /// An FMU that is stepped by hand: its requests follow.
     Step(Setup),
+    /// Instances of an FMU that are stepped together: their tasks follow.
+    Vector(ShareSource),
 }
 
 /// Supervisor side: starts a worker process by a command that calls [`serve`], and sends it a job. `session` is a
@@ -62,6 +65,7 @@ pub fn serve(service: &mut Service) -> Result<()> {
             }
             Job::Sweep(source) => return sweep::serve(service, &source),
             Job::Step(setup) => return stepped_fmu::serve(service, &setup),
+            Job::Vector(share) => return vector::serve(service, &share),
         }
     }
     Ok(())

@@ -43,6 +43,7 @@ mod compilation;
 mod component_instance;
 mod components;
 mod connections;
+mod cycle;
 mod declarations;
 mod description;
 mod error;
@@ -73,6 +74,7 @@ mod system_file;
 pub mod table;
 mod table_inputs;
 pub mod trace;
+pub mod vector;
 mod wiring;
 
 pub use compilation::Compilation;

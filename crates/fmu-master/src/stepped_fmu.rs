@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::access_list::{AccessList, accessor};
 use crate::component_instance::{CallResult, ComponentInstance};
 use crate::components::LoadedComponent;
+use crate::cycle::Cycle;
 use crate::integrator::Integrator;
 use crate::start::{ComponentStarts, scalar_literals};
 use crate::{Compilation, Description, Literal, Messages, Plan, RunError};
@@ -99,6 +100,11 @@ impl Names {
         Ok(Self(plan.components.all.swap_remove(0)))
     }
 
+    /// The component whose variables they are.
+    pub(crate) fn component(&self) -> &LoadedComponent {
+        &self.0
+    }
+
     /// Its file.
     pub fn file(&self) -> &Path {
         &self.0.fmu.path
@@ -122,6 +128,16 @@ impl Names {
     /// Its variables.
     pub fn variables(&self) -> &[Variable] {
         &self.0.fmu.variables
+    }
+
+    /// The variable of a scalar or an element, by its number.
+    pub fn variable(&self, scalar: usize) -> &Variable {
+        self.0.fmu.variable(scalar)
+    }
+
+    /// Whether a process can have only one instance.
+    pub fn is_single(&self) -> bool {
+        self.0.fmu.only_once
     }
 
     /// The numbers of a scalar or an element, or of all elements of an array.
@@ -176,19 +192,23 @@ impl SteppedFmu {
     /// The binary cannot be loaded, or the FMU returns an error.
     pub fn new(setup: &Setup, record: &Record) -> Result<Self> {
         let Names(planned) = Names::open(setup)?;
-        let messages = Messages::recorded(record.clone());
+        Self::instantiate(planned, 0, setup.start, Messages::recorded(record.clone()))
+    }
+
+    /// Instantiates a component, which has this number among those that are recorded.
+    pub(crate) fn instantiate(
+        planned: LoadedComponent,
+        number: usize,
+        start: f64,
+        messages: Messages,
+    ) -> Result<Self> {
+        let starts = ComponentStarts::default();
         Ok(Self {
-            component: ComponentInstance::new(
-                0,
-                &planned,
-                &[],
-                &ComponentStarts::default(),
-                &messages,
-            )?,
+            component: ComponentInstance::new(number, &planned, &[], &starts, &messages)?,
             planned,
             messages,
-            start: setup.start,
-            time: setup.start,
+            start,
+            time: start,
             runs: false,
             is_sound: true,
             saved: BTreeMap::new(),
@@ -302,6 +322,28 @@ impl SteppedFmu {
         self.component.step::<false>(self.time, step)?;
         self.time += step;
         self.messages.record().at(self.time);
+        Ok(())
+    }
+
+    /// Says which variables [`SteppedFmu::perform`] sets and gets.
+    pub(crate) fn prepare(&mut self, cycle: &Cycle) {
+        self.component.prepare(cycle);
+    }
+
+    /// Sets values, steps and gets values, as it is prepared for.
+    pub(crate) fn perform(
+        &mut self,
+        cycle: &Cycle,
+        inputs: &[f64],
+        step: f64,
+        outputs: &mut [f64],
+    ) -> Result<()> {
+        let record = self.messages.record();
+        record.step(step);
+        record.at(self.time);
+        let called = self.component.perform(cycle, inputs, (self.time, step), outputs);
+        self.with_time(called)?;
+        self.time += step;
         Ok(())
     }
 

@@ -294,4 +294,4 @@ impl Instance {
 }
 
 /// The time that a worker has to free the FMU.
-const FAREWELL: Duration = Duration::from_secs(2);
+pub const FAREWELL: Duration = Duration::from_secs(2);

@@ -9,6 +9,7 @@ mod run;
 mod sweep;
 mod tables;
 mod values;
+mod vector;
 mod words;
 
 use pyo3::prelude::*;
@@ -32,6 +33,9 @@ mod _native {
 
     #[pymodule_export]
     use super::sweep::sweep;
+
+    #[pymodule_export]
+    use super::vector::Vector;
 
     /// Runs the command line, and ends the process. `program` starts it again.
     #[pyfunction]

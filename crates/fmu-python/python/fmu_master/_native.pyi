@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 class Runner:
     def __init__(self, program: Sequence[str], keeps: bool) -> None: ...
     def run(
@@ -34,6 +36,28 @@ class Instance:
     def directional(
         self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float]
     ) -> list[float]: ...
+    def free(self) -> None: ...
+
+class Vector:
+    def __init__(
+        self,
+        setup: Mapping[str, Any],
+        program: Sequence[str],
+        count: int,
+        processes: int,
+        actions: Sequence[str],
+        observations: Sequence[tuple[str, float, float]],
+        step: float,
+        steps: int,
+    ) -> None: ...
+    def structural(self) -> list[str]: ...
+    def reset(
+        self, episodes: Sequence[tuple[int, Sequence[tuple[str, Any]]]], holds: bool
+    ) -> None: ...
+    def observe(self, observations: np.ndarray, times: np.ndarray) -> None: ...
+    def step(
+        self, actions: np.ndarray, observations: np.ndarray, times: np.ndarray, ends: np.ndarray
+    ) -> bool: ...
     def free(self) -> None: ...
 
 def read(file: Path) -> list[tuple[str, str, list[Any]]]: ...
