@@ -1,12 +1,29 @@
-"""Pictures of results: what is drawn where, and how; and how much of a long run."""
+"""What a person sees of results, systems and instances: pictures, HTML and lines of text."""
+
+import base64
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from IPython.core.formatters import DisplayFormatter
+from lxml import etree, html
+from matplotlib import pyplot
 
 from conftest import ROOT
-from fmu_master import Result, System, compare
+from fmu_master import (
+    Instance,
+    Message,
+    Result,
+    Sweep,
+    System,
+    compare,
+    python_component,
+)
 from fmu_master.plots import extremes
+from fmu_master.result import Messages
 
+PENDULUM = ROOT / "target" / "fmu" / "Pendulum.fmu"
 LOOP = ROOT / "examples" / "closed-loop" / "pid.toml"
 
 
@@ -159,3 +176,117 @@ def test_a_comparison_shows_how_far_each_variable_is_off(loop):
     axes = compare(loop, columns).plot().axes
     assert [axis.get_title(loc="left") for axis in axes] == ["plant.x", "results - reference"]
     assert axes[1].lines[0].get_ydata()[-1] == pytest.approx(0.5)
+
+
+# --- notebooks and terminals --------------------------------------------------------------------
+
+
+def rows(shown):
+    """Return the cells of the tables in HTML."""
+    page = html.fromstring(shown)
+    return [[cell.text_content() for cell in row] for row in page.iter("tr")]
+
+
+def test_a_notebook_shows_the_signals_of_a_run_and_the_same_picture_twice(loop):
+    shown, _ = DisplayFormatter().format(loop)
+    assert shown["text/plain"] == repr(loop)
+    theta = next(row for row in rows(shown["text/html"]) if row[0] == "plant.theta")
+    expected = (f"{number:.5g}" for number in loop.summary["plant.theta"].values())
+    low, high, _, last = expected
+    assert theta == ["plant.theta", "rad", low, high, last]
+    (source,) = re.findall(r'src="data:image/png;base64,([^"]+)"', shown["text/html"])
+    assert base64.b64decode(source) == shown["image/png"]
+
+
+def test_a_notebook_shows_a_figure_once_with_and_without_pyplot(machine):
+    shown, _ = DisplayFormatter().format(machine.plot("q"))
+    assert shown["image/png"].startswith(b"\x89PNG")
+    assert pyplot.get_fignums() == []
+
+
+def test_a_terminal_with_ipython_draws_no_picture(machine, monkeypatch):
+    shell = SimpleNamespace(display_formatter=SimpleNamespace(active_types=["text/plain"]))
+    monkeypatch.setattr("IPython.get_ipython", lambda: shell)
+    assert machine._repr_mimebundle_() == {"text/plain": repr(machine)}
+
+
+def test_texts_are_escaped():
+    planted = "<script>alert(1)</script>"
+    result = Result.of({"time": [0.0], planted: [1.0]}, {planted: "<b>"})
+    result.alarms, result.notes = [planted], [planted]
+    result.messages = Messages([Message(planted, "warning", planted, 1, planted)])
+    part = python_component([], ["y"], lambda t: t)
+    system = System(components={planted: part, "other": part}, connections=[])
+    failure = np.array([planted], object)
+    runs = Result.of({"index": [0], planted: [1.0], "iae": [2.0], "failure": failure}, {})
+    changed = compare(result, {"time": [0.0], planted: [2.0]})
+    for shown in (result, result.messages, system, runs, changed):
+        text = shown._repr_html_()
+        assert planted not in text
+        assert "&lt;script&gt;" in text
+        assert "<script" not in text
+
+
+def test_a_run_tells_alarms_and_warnings_in_html_and_in_a_terminal(machine, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    told = Result.of(machine, machine.units)
+    told.alarms, told.notes = ["diverging: q"], ["one word after the other " * 6]
+    told.messages = Messages([Message("a", "error", "no convergence", 3, "logModel")])
+    page = html.fromstring(told._repr_html_())
+    texts = [line.text_content() for line in page.iter("p")]
+    assert "alarm: diverging: q" in texts
+    assert "error: a: no convergence (3 times)" in texts
+    lines = str(told).splitlines()
+    assert "alarm: diverging: q" in lines
+    assert max(map(len, lines)) <= 80
+
+
+def test_a_sweep_shows_its_best_runs_and_failures(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    failure = np.array([None, "<no licence>", None, None], object)
+    iae = np.array([3.0, np.nan, 1.0, 2.0])
+    runs = table(np.array([1.0, 2.0, 3.0, 4.0]), np.ones(4), iae, failure=failure)
+    shown = rows(runs._repr_html_())
+    assert shown[:3] == [["run", "c.kp", "iae"], ["2", "3", "1"], ["3", "4", "2"]]
+    assert ["1", "<no licence>"] in shown
+    assert "4 runs, 1 diverged or failed" in str(runs)
+    assert max(map(len, str(runs).splitlines())) <= 80
+
+
+def test_a_system_shows_its_blocks_and_connections():
+    system = System(LOOP)
+    assert repr(system) == "<System pid.toml: controller, plant, source; 4 connections>"
+    shown = system._repr_html_()
+    assert ["plant.theta", "controller.y"] in rows(shown)
+    (diagram,) = re.findall(r"<svg.*</svg>", shown, re.DOTALL)
+    texts = [text.text for text in etree.fromstring(diagram).iter("text")]
+    assert {"controller", "plant", "source", "r → r, d → d", "theta → y"} <= set(texts)
+    assert "plant.theta -> controller.y" in str(system)
+    assert repr(System(PENDULUM)) == f"<System {PENDULUM.name}>"
+    assert "nosuch.toml" in repr(System("nosuch.toml"))
+
+
+def test_an_instance_shows_its_variables_by_causality_and_is_not_initialized_by_that(fmus):
+    with Instance(PENDULUM, start_values={"theta0": 0.25}) as plant:
+        assert repr(plant) == f"<Instance: {PENDULUM.stem}, t = 0 s, not initialized>"
+        before = rows(plant._repr_html_())
+        assert ["input", "unit", "type", "start", "description"] in before
+        assert "not initialized" in repr(plant)
+        assert next(row for row in before if row[0] == "theta0")[3] == "0.25"
+        plant.step(0.001)
+        after = rows(plant._repr_html_())
+        theta = next(row for row in after if row[0] == "theta")
+        assert theta[1:4] == ["rad", "Float64", f"{plant.get('theta'):.5g}"]
+    assert repr(plant) == f"<Instance: {PENDULUM.stem}, t = 0.001 s>"
+    assert "Instance" in plant._repr_html_()
+
+
+def test_lines_of_a_terminal_have_at_most_80_columns(loop):
+    columns = {f"a.long.name[{k}]": loop["time"] for k in range(1, 40)}
+    wide = Result.of({"time": loop["time"]} | columns, {})
+    changed = compare(wide, {"time": loop["time"], **{n: c + 1 for n, c in columns.items()}})
+    part = python_component(["y"], ["u"], lambda t, y: -y)
+    system = System(components={f"component{k}": part for k in range(30)})
+    for shown in (wide, changed, part, system, Sweep({n: [1.0] for n in columns}, system)):
+        assert len(repr(shown)) <= 80
+        assert " object at " not in repr(shown)

@@ -30,7 +30,7 @@ class Difference(NamedTuple):
     """The difference as a sentence."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """The outcome of `compare`: `is_same`, and as text the first difference.
 
@@ -50,6 +50,20 @@ class Comparison:
     def is_same(self) -> bool:
         """Whether no variable differs."""
         return not self.differences
+
+    def __repr__(self) -> str:
+        from .display import listed
+
+        if self.is_same:
+            return f"<Comparison: {self}>"
+        names = [difference.name for difference in self.differences]
+        about = f"<Comparison: {len(names)} of {len(self.reference) - 1} variables differ: "
+        return listed(about, names, ">")
+
+    def _repr_html_(self) -> str:
+        from .display import comparison_html
+
+        return comparison_html(self)
 
     def __str__(self) -> str:
         if self.is_same:

@@ -16,7 +16,7 @@ from typing import Any
 from ._values import one_or_more
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PythonComponent:
     """A component of a system that is a function of Python; see `python_component`."""
 
@@ -29,6 +29,11 @@ class PythonComponent:
     reset: Callable[[], object] | None
     _before: list[dict[str, Any]] = field(default_factory=list, repr=False, compare=False)
     """The state before the first run, and before the second one."""
+
+    def __repr__(self) -> str:
+        from .display import component_line
+
+        return component_line(self)
 
     def begin(self) -> None:
         """Prepare a run: reset the function, or warn of a state that the first run has left."""

@@ -42,6 +42,9 @@ class State:
         self.time: float = time
         """The time of the state [s]."""
 
+    def __repr__(self) -> str:
+        return f"<State: t = {self.time:g} s>"
+
     def __del__(self) -> None:
         self._native.forget(self._number)
 
@@ -108,11 +111,23 @@ class Instance:
             "compile": compile,
         }
         setup |= {"file": Path(filename).absolute(), "sizes": plain_starts(start_values)}
+        self.name: str = name or Path(filename).stem
+        """Its name in errors."""
         self._native = _native.Instance(setup, [] if in_process else COMMAND)
         self._time: float = start_time
         self._starts: dict[str, Any] = {} if start_values is None else dict(start_values)
         self._is_initialized = False
         self._scalars: dict[str, list[int]] = {}
+
+    def __repr__(self) -> str:
+        from .display import instance_about
+
+        return f"<{type(self).__name__}: {instance_about(self, self._is_initialized)}>"
+
+    def _repr_html_(self) -> str:
+        from .display import instance_html
+
+        return instance_html(self, None if self._is_initialized else self._starts)
 
     def __enter__(self) -> Self:
         return self

@@ -65,6 +65,19 @@ class Message(NamedTuple):
         return self.level != "info"
 
 
+class Messages(list[Message]):
+    """Log messages of FMUs, which a notebook shows as a table."""
+
+    def __repr__(self) -> str:
+        texts = ",\n ".join(map(repr, self))
+        return f"[{texts}]"
+
+    def _repr_html_(self) -> str:
+        from .display import messages_html
+
+        return messages_html(self)
+
+
 class Result(Mapping[str, np.ndarray]):
     """The results of a run: NumPy arrays by name, "time" [s] first, in the types of the variables.
 
@@ -101,7 +114,7 @@ class Result(Mapping[str, np.ndarray]):
         self.enumerations: dict[str, dict[int, str]] = about.get("enumerations", {})
         self.held: set[str] = set(about.get("held", ()))
         self._set_points: dict[str, str] | None = about.get("set_points")
-        self.messages = [Message(*message) for message in about.get("messages", ())]
+        self.messages = Messages(Message(*message) for message in about.get("messages", ()))
         self.notes: list[str] = about.get("notes", [])
         self.alarms: list[str] = about.get("alarms", [])
         self.ended: str | None = about.get("ended")
@@ -131,10 +144,24 @@ class Result(Mapping[str, np.ndarray]):
         return len(self._columns)
 
     def __repr__(self) -> str:
-        time, count = self.get("time", np.empty(0)), len(next(iter(self.values()), ()))
-        rows = f"{count} row{'s' * (count != 1)}"
-        span = f", t = {time[0]:g} to {time[-1]:g} s" if len(time) else ""
-        return f"<Result: {rows}{span}: {', '.join(self)}>"
+        from .display import result_line
+
+        return result_line(self)
+
+    def __str__(self) -> str:
+        from .display import result_text
+
+        return result_text(self)
+
+    def _repr_html_(self) -> str:
+        from .display import result_html
+
+        return result_html(self)
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, Any]:
+        from .display import result_bundle
+
+        return result_bundle(self)
 
     def names(self, name: str) -> np.ndarray:
         """Return a column in which the values of an enumeration are the names of its items."""
@@ -216,14 +243,6 @@ class Result(Mapping[str, np.ndarray]):
         from .plots import draw
 
         return draw(self, names, over, label)
-
-    def _repr_png_(self) -> bytes | None:
-        """Return the picture that Jupyter shows."""
-        try:
-            from .plots import png
-        except ImportError:
-            return None
-        return png(self)
 
 
 def read(filename: str | os.PathLike[str]) -> Result:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _native
 from ._command import COMMAND
-from ._values import columns, document, plain
+from ._values import columns, document, one_or_more, plain
 from .result import FmuError, Result, read
 from .system import System
 
@@ -70,6 +70,15 @@ class Sweep:
         if system is None and self.file is None:
             raise TypeError("expected a system")
         self.system = system if system is None or isinstance(system, System) else System(system)
+
+    def __repr__(self) -> str:
+        from .display import listed
+
+        if self.file is not None:
+            return f"<Sweep: {self.file.name}>"
+        tables = [table for table in self.plan.get("parameter", ()) if isinstance(table, Mapping)]
+        names = [n for t in tables for n in one_or_more(t.get("variables", t.get("variable", ())))]
+        return listed("<Sweep: ", names, ">")
 
     @contextlib.contextmanager
     def files(self) -> Iterator[list[str]]:

@@ -17,7 +17,7 @@ from . import _native
 from ._command import COMMAND
 from ._values import column, columns, document, named, one_or_more, plain_starts
 from .components import PythonComponent
-from .result import FmuError, Result
+from .result import FmuError, Messages, Result
 
 Input = Any
 """Inputs over time: a file (CSV or Parquet), a `Result`, a structured array, a data frame, or a
@@ -69,6 +69,21 @@ class System:
                 description = self.keys()
         if description is None or isinstance(description, Mapping):
             self.description = _normal({**(description or {}), **keys}, self.file.parent)
+
+    def __repr__(self) -> str:
+        from .display import system_line
+
+        return system_line(self)
+
+    def __str__(self) -> str:
+        from .display import system_text
+
+        return system_text(self)
+
+    def _repr_html_(self) -> str:
+        from .display import system_html
+
+        return system_html(self)
 
     @property
     def toml(self) -> str:
@@ -218,8 +233,8 @@ class System:
         error, raised = done.pop("error", None), done.pop("raised")
         result = Result(**done)
         if not debug_logging:
-            told = [m for m in result.messages if m.warning or m.category != "logEvents"]
-            result.messages = told
+            told = (m for m in result.messages if m.warning or m.category != "logEvents")
+            result.messages = Messages(told)
         if error is not None:
             text, component, function, time = error
             raise FmuError(text, component, function, time, result) from raised
