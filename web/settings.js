@@ -26,7 +26,7 @@ const PRESETS = [
   { name: "The paper's step", given: PAPER,
     story: "At a set-point of 1 rad, on the linear plant, the network has learnt the force that the tilt needs. After the push, its error is less than a tenth of the PID's." },
   { name: "8 ms late: the network loses", given: { ...PAPER, delay: 8 },
-    story: "The same, but the measurement arrives 8 ms late. PID trembles. The network learns from late errors, shakes, and lets the push swing the pendulum more than twice as far as PID does." },
+    story: "The paper's step, but the measurement arrives 8 ms late. PID trembles. The network learns from late errors, shakes, and lets the push swing the pendulum more than twice as far as PID does." },
   { name: "No integral", given: { r: 20, ki: 0, push: 60 },
     story: "Without its integral term, PID stays more than 1° away from the set-point of 20°. The network takes over the term's work, and reaches it." },
   { name: "Weak gains", given: { kp: 100, kd: 10 },
