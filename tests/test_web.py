@@ -279,7 +279,7 @@ def test_a_preset_shows_what_its_sentence_says(page, preset):
     page.locator("#on-IpidRbf").check()
     assert page.locator("#presets a").all_inner_texts() == list(CLAIMS)
     page.locator("#presets a", has_text=preset).click()
-    page.wait_for_selector(f'#presets a[aria-current]:text-is("{preset}")')
+    page.wait_for_selector(f'#presets a[aria-current=true]:text-is("{preset}")')
     page.wait_for_function("time === 0 || Math.abs(time - SETTLE) < 1e-9")
     before = page.evaluate("loops.map(({ history }) => Math.abs(history.at(-1).error[0]))")
     page.evaluate("pass(3); draw()")

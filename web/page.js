@@ -203,7 +203,7 @@ function mark() {
   element("story").textContent = now?.story ?? "Your own settings.";
   for (const [i, link] of [...element("presets").children].entries()) {
     link.href = addressOf({ ...PRESETS[i].given, on: settings.on });
-    link.toggleAttribute("aria-current", PRESETS[i] === now);
+    link.ariaCurrent = PRESETS[i] === now ? "true" : null;
   }
 }
 
