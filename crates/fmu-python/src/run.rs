@@ -368,8 +368,9 @@ fn in_worker(
             compute: &|function, time, inputs| kept.functions.compute(function, time, inputs),
         },
     )?;
-    // A run that failed may have left an FMU that must not be called again.
-    let is_sound = keeps && !matches!(outcome, RunOutcome::Failed { .. });
+    // A run that failed may have left an FMU that must not be called again, unless a function of Python has ended it.
+    let is_failed = matches!(outcome, RunOutcome::Failed { .. });
+    let is_sound = keeps && (!is_failed || kept.functions.called().raised.is_some());
     if is_sound && matches!(process.0.poll(), Ok(None)) {
         kept.worker = Some(process);
     }

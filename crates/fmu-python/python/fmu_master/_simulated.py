@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import threading
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -104,9 +106,15 @@ class _End(BaseException):
 class _Episode:
     """The run of a system in a thread, which waits for actions."""
 
-    def __init__(self) -> None:
+    def __init__(self, system: System, starts: Mapping[str, Any], options: dict[str, Any]) -> None:
         self.observed: SimpleQueue[tuple[float, tuple[float, ...]] | BaseException] = SimpleQueue()
         self.acting: SimpleQueue[list[float] | None] = SimpleQueue()
+        run = (system, starts, options)
+        self._thread = threading.Thread(target=self._run, args=run, daemon=True)
+
+    def begin(self) -> None:
+        """Start the run."""
+        self._thread.start()
 
     def act(self, time: float, *values: float) -> list[float]:
         """Tell the observation at a time [s], and wait for the action."""
@@ -116,8 +124,14 @@ class _Episode:
             raise _End
         return action
 
-    def run(self, system: System, starts: Mapping[str, Any], options: dict[str, Any]) -> None:
-        """Run the system."""
+    def end(self) -> None:
+        """Wait until the run has ended."""
+        self.acting.put(None)
+        # The thread itself may collect the garbage.
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def _run(self, system: System, starts: Mapping[str, Any], options: dict[str, Any]) -> None:
         try:
             system.simulate(starts, output=["agent.a0"], **options)
         except BaseException as error:
@@ -125,19 +139,12 @@ class _Episode:
         else:
             self.observed.put(RuntimeError("the system has ended the run"))
 
-    def end(self, thread: threading.Thread) -> None:
-        """Wait until the run has ended."""
-        self.acting.put(None)
-        # The thread itself may collect the garbage.
-        if thread is not threading.current_thread():
-            thread.join()
-
 
 class Loop:
     """A system, with a component in Python that applies the actions of one environment.
 
-    The thread of an episode does not hold the loop, so that it ends when an environment is dropped
-    without `close`.
+    The system stays loaded from one episode to the next. The thread of an episode does not hold the
+    loop, so that it ends when an environment is dropped without `close`.
     """
 
     def __init__(
@@ -152,33 +159,20 @@ class Loop:
         self._system, self._actions, self._observations = system, actions, observations
         self._step_size, self._steps, self._in_process = step_size, steps, in_process
         self._low, self._high = np.array(list(observations.values()), np.float64).T
+        self._loaded = contextlib.ExitStack()
+        self._begin: Callable[[Mapping[str, Any]], _Episode] | None = None
         self._episode: _Episode | None = None
+        self._end: Callable[[], object] = lambda: None
         self._count = 0
 
     def reset(self, starts: Mapping[int, Mapping[str, Any]]) -> None:
         """Begin an episode."""
-        self.free()
-        episode = _Episode()
-        seen = {f"o{number}": name for number, name in enumerate(self._observations)}
-        acts = {f"a{number}": name for number, name in enumerate(self._actions)}
-        links = [(name, f"agent.{own}") for own, name in seen.items()]
-        links += [(f"agent.{own}", name) for own, name in acts.items()]
-        agent = python_component(list(seen), list(acts), episode.act, self._step_size)
-        keys = self._system.keys()
-        system = self._system.changed(
-            component=[{"name": "agent", "fmu": agent}, *keys["component"]],
-            connections=[*keys.get("connections", ()), *links],
-        )
-        start, _, step = system.times()
-        if not np.isclose(self._step_size / step % 1, [0, 1], rtol=0, atol=1e-6).any():
-            raise ValueError(f"step_size = {self._step_size}, expected a multiple of {step} s")
-        stop = start + self._step_size * (self._steps + 1) + step
-        options = {"stop_time": stop, "in_process": self._in_process}
-        arguments = (system, starts[0], options)
-        thread = threading.Thread(target=episode.run, args=arguments, daemon=True)
-        thread.start()
+        self._end_episode()
+        if self._begin is None:
+            self._begin = self._load()
+        episode = self._begin(starts[0])
         # Also before Python ends: the thread could then no longer return from this module.
-        self._end = weakref.finalize(self, episode.end, thread)
+        self._end = weakref.finalize(self, episode.end)
         self._wait(episode)
         self._episode, self._count = episode, 0
 
@@ -190,8 +184,9 @@ class Loop:
         """Act until the next sample."""
         if self._episode is None:
             raise RuntimeError(NO_EPISODE)
-        if not np.isfinite(actions).all():
-            raise ValueError(f"action = {actions}, expected finite numbers")
+        for name, value in zip(self._actions, actions.tolist(), strict=True):
+            if not math.isfinite(value):
+                raise ValueError(f"{name} = {value}, expected a finite number")
         self._episode.acting.put(actions.tolist())
         self._wait(self._episode)
         self._count += 1
@@ -200,10 +195,45 @@ class Loop:
         return self._observation, self._time, ends, bool(ends.any())
 
     def free(self) -> None:
-        """End the run."""
-        if self._episode is not None:
-            self._end()
-            self._episode = None
+        """End the run, and free the system."""
+        self._end_episode()
+        self._loaded.close()
+        self._begin = None
+
+    def _end_episode(self) -> None:
+        self._end()
+        self._episode = None
+
+    def _load(self) -> Callable[[Mapping[str, Any]], _Episode]:
+        """Return what begins an episode of the loaded system, with start values."""
+        acting: list[_Episode] = []
+
+        def act(time: float, *values: float) -> list[float]:
+            return acting[0].act(time, *values)
+
+        seen = {f"o{number}": name for number, name in enumerate(self._observations)}
+        acts = {f"a{number}": name for number, name in enumerate(self._actions)}
+        links = [(name, f"agent.{own}") for own, name in seen.items()]
+        links += [(f"agent.{own}", name) for own, name in acts.items()]
+        agent = python_component(list(seen), list(acts), act, self._step_size)
+        keys = self._system.keys()
+        system = self._system.changed(
+            component=[{"name": "agent", "fmu": agent}, *keys["component"]],
+            connections=[*keys.get("connections", ()), *links],
+        )
+        start, _, step = system.times()
+        if not np.isclose(self._step_size / step % 1, [0, 1], rtol=0, atol=1e-6).any():
+            raise ValueError(f"step_size = {self._step_size}, expected a multiple of {step} s")
+        stop = start + self._step_size * (self._steps + 1) + step
+        options = {"stop_time": stop, "in_process": self._in_process}
+        loaded = self._loaded.enter_context(system.loaded())
+
+        def begin(starts: Mapping[str, Any]) -> _Episode:
+            acting[:] = [_Episode(loaded, starts, options)]
+            acting[0].begin()
+            return acting[0]
+
+        return begin
 
     def _wait(self, episode: _Episode) -> None:
         told = episode.observed.get()
