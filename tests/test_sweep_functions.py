@@ -1,6 +1,7 @@
 """Sweeps of systems with components in Python."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -209,3 +210,12 @@ def test_functions_of_several_components_and_a_parameter_in_python(fmus):
     assert runs["largest_u"].tolist() == [4.0, 14.0, 24.0]
     assert runs["final_e"].tolist() == [4.0] * 3
     assert counted(0.0) == 0
+
+
+def test_threads_take_turns_to_run_a_loaded_system_with_a_function(expected):
+    controller = Pd()
+    component = system(controller.step, reset=controller.reset)
+    with component.loaded() as loaded, ThreadPoolExecutor(4) as pool:
+        starts = [{"plant.theta0": theta} for theta in PLAN["plant.theta0"]]
+        results = list(pool.map(loaded.simulate, starts))
+    assert [result["controller.e"][-1] for result in results] == expected["final_e"]

@@ -10,7 +10,8 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability, Variable};
 use fmu_host::InterfaceType;
 
-use crate::fmu::{Sizes, similar};
+use crate::fmu::Sizes;
+use crate::similar::similar;
 use crate::start::{scalar_literals, sizes};
 use crate::{Component, Description, Fmu};
 

@@ -48,9 +48,15 @@ fn check(components: &[LoadedComponent], connections: &[ResolvedConnection]) -> 
                 bail!("{name} cannot be connected: {reason}");
             }
             let actual = id.variable(components).causality;
+            let ends = [output, input].map(|id| id.variable(components).causality);
+            let [a, b] = [output, input].map(|id| id.name(components));
+            let hint = match ends {
+                [Causality::Input, Causality::Output] => format!("; did you mean {b} -> {a}?"),
+                _ => String::new(),
+            };
             ensure!(
                 actual == expected,
-                "{name} is connected as {}, but is {}",
+                "{name} is connected as {}, but is {}{hint}",
                 with_article(expected),
                 with_article(actual)
             );

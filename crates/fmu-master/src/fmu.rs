@@ -12,6 +12,7 @@ use fmu_host::{Instance, InterfaceType};
 
 use crate::code::Code;
 use crate::declarations::Units;
+use crate::similar::similar;
 use crate::{Advice, Function, Messages};
 
 /// An FMU for co-simulation or model exchange.
@@ -254,38 +255,4 @@ impl Fmu {
         let path = self.path.display();
         instance.with_context(|| format!("component {name}: {path} cannot be instantiated"))
     }
-}
-
-/// The known names most similar to an unknown one, or that end with it, as `pid.kp` does with `kp`; if there are none,
-/// those that are similar in another case.
-pub(crate) fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    let known = Vec::from_iter(known);
-    let found = similar_in_case(name, known.iter().map(|known| (*known, *known)));
-    if !found.is_empty() {
-        return found;
-    }
-    let (lower, name) = (known.iter().map(|known| known.to_lowercase()), name.to_lowercase());
-    let lower = Vec::from_iter(lower);
-    let all = || lower.iter().map(String::as_str).zip(known.iter().copied());
-    match all().find(|(lower, _)| *lower == name) {
-        Some((_, same)) => vec![same],
-        None => similar_in_case(&name, all()),
-    }
-}
-
-/// The names most similar to an unknown one; each known one is compared by the first of its texts.
-fn similar_in_case<'a, 'b>(
-    name: &str,
-    known: impl Iterator<Item = (&'b str, &'a str)>,
-) -> Vec<&'a str> {
-    const MIN_SIMILARITY: f64 = 0.85;
-    let mut scored: Vec<(f64, &str)> = known
-        .map(|(compared, known)| match compared.strip_suffix(name) {
-            Some(rest) if rest.ends_with('.') => (1.0, known),
-            _ => (strsim::jaro_winkler(name, compared), known),
-        })
-        .filter(|(score, _)| *score >= MIN_SIMILARITY)
-        .collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    scored.into_iter().take(3).map(|(_, known)| known).collect()
 }

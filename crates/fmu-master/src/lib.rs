@@ -63,6 +63,7 @@ mod plan;
 mod random;
 mod recorded_instance;
 pub mod run;
+mod similar;
 mod simulation;
 pub mod ssp;
 mod start;

@@ -8,7 +8,7 @@ use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::de::ValueDeserializer;
 
-use crate::fmu::similar;
+use crate::similar::similar;
 use crate::table;
 
 /// A value as the user writes it.

@@ -21,7 +21,8 @@ use anyhow::{Error, Result, bail, ensure};
 use fmu_description::{Causality, Initial, Value, Variability, Variable};
 
 use crate::access_list::AccessList;
-use crate::fmu::{Sizes, similar};
+use crate::fmu::Sizes;
+use crate::similar::similar;
 use crate::{Fmu, Literal};
 
 /// A start value that fits its variable: of a scalar, or of all elements of an array.

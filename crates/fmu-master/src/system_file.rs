@@ -10,6 +10,7 @@ use toml::de::{DeTable, DeValue};
 use crate::declarations::Declarations;
 use crate::note::Advice;
 use crate::package::is_package;
+use crate::similar::with_similar_file;
 use crate::table::Format;
 use crate::{Component, Description, ssp};
 
@@ -34,7 +35,8 @@ impl Description {
         let name = file.display();
         let is_table = Format::from_name(file).is_some();
         ensure!(!is_table, "{name} is a table, expected an FMU, a system file or an SSP package");
-        let text = fs::read_to_string(file).with_context(|| format!("cannot read {name}"))?;
+        let text = fs::read_to_string(file).with_context(|| format!("cannot read {name}"));
+        let text = text.map_err(|error| with_similar_file(error, file))?;
         Self::parse(&text, file).with_context(|| name.to_string())
     }
 
@@ -76,7 +78,7 @@ impl Description {
     /// # Errors
     /// The file cannot be read or is not an FMU.
     pub fn read_fmu(file: &Path) -> Result<Self> {
-        let declared = Declarations::read(file);
+        let declared = Declarations::read(file).map_err(|error| with_similar_file(error, file));
         let declared = declared.with_context(|| format!("{} cannot be used", file.display()))?;
         let [start, stop, step] = declared.experiment;
         let start = start.unwrap_or(0.0);

@@ -139,7 +139,11 @@ fn signature(function: &Bound<'_, PyDict>) -> PyResult<Signature> {
 }
 
 fn literals(starts: Starts<'_>) -> PyResult<Vec<(String, Literal)>> {
-    starts.into_iter().map(|(name, value)| Ok((name, literal(&value)?))).collect()
+    let starts = starts.into_iter().map(|(name, value)| match literal(&value) {
+        Ok(value) => Ok((name, value)),
+        Err(error) => Err(PyTypeError::new_err(format!("{name}: {}", error.value(value.py())))),
+    });
+    starts.collect()
 }
 
 /// A table.

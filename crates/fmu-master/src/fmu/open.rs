@@ -15,6 +15,7 @@ use fmu_host::{InterfaceType, Limits, ProcessOwned};
 use super::{Fmu, Scalar, Sizes};
 use crate::code::{Code, UnpackedBinary, find_binary, problem_categories};
 use crate::declarations::units;
+use crate::similar::with_similar_file;
 use crate::{Advice, Compilation, Sandbox};
 
 impl Fmu {
@@ -30,6 +31,7 @@ impl Fmu {
         compilation: &Compilation,
     ) -> Result<Self> {
         let read = Self::read(path, wanted, sizes, sandbox, compilation);
+        let read = read.map_err(|error| with_similar_file(error, path));
         read.with_context(|| format!("{} cannot be used", path.display()))
     }
 

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::metrics::Criteria;
 use super::parameter::Parameter;
 use super::signals::SignalNames;
+use crate::similar::with_similar_file;
 use crate::{Advice, Literal, Order, Overrides, Signature, is_fmu};
 
 /// A sweep as the user gives it.
@@ -79,7 +80,8 @@ impl SweepFile {
             return Err(Advice::Simulate.after(text));
         }
         let text = source.text.clone().map_or_else(|| fs::read_to_string(&source.file), Ok);
-        let text = text.with_context(|| format!("cannot read {}", source.file.display()))?;
+        let text = text.with_context(|| format!("cannot read {}", source.file.display()));
+        let text = text.map_err(|error| with_similar_file(error, &source.file))?;
         let file = toml::from_str(&text).map_err(|error| {
             let name = source.name();
             let shown = match (&source.text, error.span()) {

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import _native
+from ._names import suggests
 from ._values import columns, one_or_more
 from .result import FmuError, Result, read
 
@@ -83,6 +84,7 @@ class Comparison:
         return draw_comparison(self)
 
 
+@suggests
 def compare(
     reference: Table,
     results: Table,

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ._names import suggests
 from ._values import one_or_more
 
 
@@ -46,15 +47,15 @@ class PythonComponent:
             if changed:
                 text = f"the run before has changed {', '.join(changed)} of {_owner(self.step)!r}"
                 expected = "expected `reset` in `python_component`, which begins each run anew"
-                warnings.warn(f"{text}, {expected}", stacklevel=3)
+                warnings.warn(f"{text}, {expected}", stacklevel=4)
 
-    def begin_run(self, is_apart: bool) -> Callable[..., Any]:
+    def _begin_run(self, is_apart: bool) -> Callable[..., Any]:
         """Prepare a run of a sweep; return the function, with a state of its own if `is_apart`."""
         if self.reset is not None:
             self.reset()
         return _copied(self.step, {}) if is_apart else self.step
 
-    def can_run_apart(self) -> bool:
+    def _can_run_apart(self) -> bool:
         """Return whether several runs at the same time can have a state of their own.
 
         Raises
@@ -133,6 +134,7 @@ def _state(step: Callable[..., Any]) -> dict[str, Any]:
     return state
 
 
+@suggests
 def python_component(
     inputs: Sequence[str],
     outputs: Sequence[str],
@@ -171,6 +173,17 @@ def python_component(
     --------
     >>> controller = python_component(["y"], ["u"], lambda t, y: -30.0 * y)
     """
+    for name, given in {"inputs": inputs, "outputs": outputs}.items():
+        texts = [given] if isinstance(given, str) else given
+        if not (isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)):
+            raise TypeError(f"{name} = {given!r}, expected names of variables")
+    for name, called in {"step": step, "reset": reset}.items():
+        if not callable(called) and (called is not None or name == "step"):
+            raise TypeError(f"{name} = {called!r}, expected a function")
+    for name, about in {"units": units, "types": types}.items():
+        is_dict = isinstance(about, Mapping) and all(isinstance(t, str) for t in about.values())
+        if about is not None and not is_dict:
+            raise TypeError(f"{name} = {about!r}, expected a dict from names of variables to texts")
     received, returned = tuple(one_or_more(inputs)), tuple(one_or_more(outputs))
     if unknown := {*(units or {}), *(types or {})} - {*received, *returned}:
         raise ValueError(f"{min(unknown)} has a unit or type, but is no input or output")

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import _native
 from ._command import COMMAND
+from ._names import suggests
 from ._values import array, named, plain_starts
 from .result import FmuError
 
@@ -91,6 +92,7 @@ class Instance:
     ...     theta = plant.get("theta")  # [rad]
     """
 
+    @suggests
     def __init__(
         self,
         filename: str | os.PathLike[str],

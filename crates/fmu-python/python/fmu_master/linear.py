@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ._names import suggests
 from ._values import one_or_more
 from .instance import Instance, Variable
 from .responses import Signals, limits, realize, respond
@@ -108,6 +109,7 @@ class Linear:
         return gain, phase, at_180, at_1
 
 
+@suggests
 def linearize(
     system: System | str | os.PathLike[str],
     time: float | None = None,

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from . import _native
 from ._command import COMMAND
-from ._values import columns, document, one_or_more, plain
+from ._keys import TABLE, WHOLE, check, check_sweep, is_number, sweep_keys
+from ._values import document, one_or_more
 from .result import FmuError, Result, read
 from .system import System
 
@@ -54,21 +55,26 @@ class Sweep:
         signals: Mapping[str, str] | None = None,
         **keys: Any,
     ):
+        check({"out": out}, {"out": TABLE})
         self.out = None if out is None else Path(out).absolute()
         self.file: Path | None = None
         self.plan: dict[str, Any] = {}
         if signals is not None:
-            keys["signals"] = dict(signals)
+            keys["signals"] = signals
         if not isinstance(plan, str | os.PathLike):
-            self.plan = _plan(plan) | keys
+            self.plan = sweep_keys(plan) | keys
         elif keys:
             self.plan = _opened(Path(plan)) | keys
         else:
             self.file = Path(plan).absolute()
         if system is None and "system" in self.plan:
             system = self.plan.pop("system")
-        if system is None and self.file is None:
-            raise TypeError("expected a system")
+        if self.file is None:
+            if system is None:
+                example = 'sweep(plan, system="loop.toml", signals={...})'
+                expected = f"a `System`, its file or its keys, as in {example}"
+                raise TypeError(f"the argument system is missing, expected {expected}")
+            check_sweep(self.plan)
         self.system = system if system is None or isinstance(system, System) else System(system)
 
     def __repr__(self) -> str:
@@ -111,8 +117,9 @@ class Sweep:
 
     def run(self, processes: int = 0) -> Result:
         """Run the sweep in worker processes, by default one for each core; return the table."""
-        if processes < 0:
+        if is_number(processes) and processes < 0:
             raise ValueError(f"processes = {processes}, expected at least 0")
+        check({"processes": processes}, {"processes": WHOLE})
         system, functions = None, []
         if self.system is not None:
             is_file = self.system.description is None
@@ -124,7 +131,7 @@ class Sweep:
 
         def begin() -> list[Callable[..., Any]]:
             pairs = zip(functions, are_apart, strict=True)
-            return [function.begin_run(is_apart) for (_, function), is_apart in pairs]
+            return [function._begin_run(is_apart) for (_, function), is_apart in pairs]
 
         source = (Path("sweep.toml"), self._text()) if self.file is None else (self.file, None)
         with self.table() as out:
@@ -140,7 +147,7 @@ class Sweep:
     def _runs_apart(name: str, function: PythonComponent) -> bool:
         """Return whether runs of a component may be at the same time."""
         try:
-            return function.can_run_apart()
+            return function._can_run_apart()
         except TypeError as error:
             raise FmuError(f"{name}: {error}") from error
 
@@ -214,12 +221,3 @@ def _opened(file: Path) -> dict[str, Any]:
     """Return the keys of a sweep file, with the system relative to the current folder."""
     plan = tomllib.loads(file.read_text(encoding="utf-8"))
     return plan | ({"system": file.parent / plan["system"]} if "system" in plan else {})
-
-
-def _plan(plan: Any) -> dict[str, Any]:
-    """Return the keys of a sweep file for a dict with them, or for start values."""
-    table = columns(plan)
-    if "parameter" in table:
-        return table
-    lists = [plain(values) for values in table.values()]
-    return {"parameter": [{"variables": list(table), "together": lists}]}

@@ -5,17 +5,20 @@ from __future__ import annotations
 import contextlib
 import copy
 import os
+import threading
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
 
-from . import _native
+from . import _keys, _native
 from ._command import COMMAND
-from ._values import column, columns, document, named, one_or_more, plain_starts
+from ._names import suggests
+from ._values import column, columns, document, one_or_more, plain_starts
 from .components import PythonComponent
 from .result import FmuError, Messages, Result
 
@@ -61,14 +64,18 @@ class System:
         self.file: Path = Path("system.toml").absolute()
         self.description: dict[str, Any] | None = None
         self._runners: dict[bool, _native.Runner] | None = None
+        self._turn: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
         if not isinstance(description or keys or None, Mapping | str | os.PathLike):
-            raise TypeError(f"{description!r}, expected the file of a system, or its keys")
+            given, expected = _keys.shown(description), "the file of a system, or its keys"
+            hint = ", such as `components`; a `System` runs by its own `simulate`"
+            hint = hint if isinstance(description, System) else ""
+            raise TypeError(f"{given}, expected {expected}{hint}")
         if isinstance(description, str | os.PathLike):
             self.file = Path(description).absolute()
             if keys:
                 description = self.keys()
         if description is None or isinstance(description, Mapping):
-            self.description = _normal({**(description or {}), **keys}, self.file.parent)
+            self.description = _keys.system_keys({**(description or {}), **keys}, self.file.parent)
 
     def __repr__(self) -> str:
         from .display import system_line
@@ -109,7 +116,7 @@ class System:
         pairs = [(table["name"], table.get("fmu")) for table in tables]
         return [(name, part) for name, part in pairs if isinstance(part, PythonComponent)]
 
-    def _text(self) -> str:
+    def _text(self, defaults: Mapping[str, Any] = MappingProxyType({})) -> str:
         """Return the text of a system file, in which functions have no file."""
         if self.description is None:
             if self.file.suffix != ".toml":
@@ -121,7 +128,8 @@ class System:
             {**table, "fmu": named[table["name"]]} if table["name"] in named else table
             for table in tables
         ]
-        return document({**self.description, "component": tables}, "component")
+        description = {k: v for k, v in self.description.items() if v is not None}
+        return document({**defaults, **description, "component": tables}, "component")
 
     def times(self) -> tuple[float, float, float]:
         """Return the start time, the stop time and the communication step [s]."""
@@ -146,7 +154,15 @@ class System:
         start_values: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
         """Return what the native module needs of the system."""
-        text = None if self.description is None else self._text()
+        text = None
+        if self.description is not None:
+            # What a run replaces may be missing.
+            given = {key: (changes or {}).get(key) for key in ("stop", "step")}
+            for key, value in given.items():
+                if value is None and self.description.get(key) is None:
+                    name = {"stop": "stop time", "step": "communication step"}[key]
+                    raise FmuError(f"missing field `{key}`, expected the {name} in s, as {key}=0.1")
+            text = self._text(given)
         functions = [(name, function.signature()) for name, function in self._functions()]
         source = {"file": self.file, "text": text, "functions": functions}
         return {**source, **(changes or {}), "starts": plain_starts(start_values)}
@@ -155,9 +171,9 @@ class System:
     def loaded(self) -> Iterator[Self]:
         """Yield this system for many runs, between which processes and FMUs stay loaded.
 
-        A run with other start values then takes little more than its steps. Several threads may
-        run it at the same time. An FMU that keeps global state after it is freed carries it
-        into the next run. After a failed run, the FMUs are
+        A run with other start values then takes little more than its steps. Several threads may run
+        it at the same time; with components in Python, they take turns. An FMU that keeps global
+        state after it is freed carries it into the next run. After a failed run, the FMUs are
         loaded again.
 
         Examples
@@ -166,6 +182,8 @@ class System:
         ...     runs = [loop.simulate({"controller.pid.kp": kp}) for kp in (200.0, 300.0)]
         """
         system = copy.copy(self)
+        if self._functions():
+            system._turn = threading.RLock()
         system._runners = {is_here: _runner(is_here, True) for is_here in (False, True)}
         try:
             yield system
@@ -173,6 +191,7 @@ class System:
             for runner in system._runners.values():
                 runner.free()
 
+    @suggests
     def simulate(
         self,
         start_values: Mapping[str, Any] | None = None,
@@ -208,6 +227,9 @@ class System:
         FmuError
             As for `simulate`.
         """
+        _keys.check({"output": output}, {"output": _keys.TEXTS})
+        flags = {"compile": compile, "in_process": in_process, "debug_logging": debug_logging}
+        _keys.check(flags, dict.fromkeys(flags, _keys.FLAG))
         changes: dict[str, Any] = {
             "start": start_time,
             "stop": stop_time,
@@ -220,6 +242,7 @@ class System:
         }
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
         with contextlib.ExitStack() as stack:
+            stack.enter_context(self._turn)
             if input is not None:
                 changes["input"] = self._input(input, changes)
             shown = stack.enter_context(_progress()) if progress else None
@@ -229,7 +252,7 @@ class System:
             source = self._source(changes, start_values)
             done = runner.run(source, [function.step for function in functions], shown)
         for text in done["warnings"]:
-            warnings.warn(text, stacklevel=2)
+            warnings.warn(text, stacklevel=3)
         error, raised = done.pop("error", None), done.pop("raised")
         result = Result(**done)
         if not debug_logging:
@@ -261,6 +284,7 @@ class System:
         return found
 
 
+@suggests
 def simulate(
     filename: str | os.PathLike[str],
     start_time: float | None = None,
@@ -315,6 +339,8 @@ def simulate(
     >>> result = simulate("target/fmu/Pendulum.fmu", stop_time=1.0, start_values={"theta0": 0.1})
     >>> theta = result["theta"]  # [rad]
     """
+    if isinstance(start_time, Mapping):
+        raise TypeError(f"start_time = {start_time}, expected a number; did you mean start_values?")
     return System(filename).simulate(
         start_values,
         start_time=start_time,
@@ -338,31 +364,6 @@ def _runner(in_process: bool, keeps: bool) -> _native.Runner:
 def is_fmu(file: str | os.PathLike[str]) -> bool:
     """Return whether a file is an FMU, by its name."""
     return os.fspath(file).lower().endswith(".fmu")
-
-
-def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return a description with the keys of a system file, and absolute paths."""
-    normal = dict(description)
-    components = normal.pop("components", {})
-    if not isinstance(components, Mapping) or not (components or normal.get("component")):
-        raise TypeError(f"components = {components!r}, expected a dict from names to FMUs")
-    if components:
-        tables = []
-        for name, about in components.items():
-            table = dict(about) if isinstance(about, Mapping) else {"fmu": about}
-            tables.append({"name": name, **table})
-        normal["component"] = tables
-    pairs = one_or_more(normal.get("connections", ()))
-    normal["connections"] = [" -> ".join(p) if isinstance(p, tuple | list) else p for p in pairs]
-    if "input" in normal:
-        normal["input"] = folder / normal["input"]
-    normal["component"] = [dict(table) for table in normal.get("component", ())]
-    for table in normal["component"]:
-        if isinstance(table.get("fmu"), str | os.PathLike):
-            table["fmu"] = folder / table["fmu"]
-        if "start" in table:
-            table["start"] = named(table["start"])
-    return normal
 
 
 @contextlib.contextmanager

@@ -6,10 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ._names import suggests
+
 _MOST_ROWS = 50
 """The longest delay that a message recognizes, in rows."""
 
 
+@suggests
 def assert_carries(
     result: Mapping[str, np.ndarray],
     source: str,
@@ -78,6 +81,7 @@ def _deviations(sent: np.ndarray, arrived: np.ndarray, gain: float, rows: int) -
     return np.where(np.isnan(apart), np.inf, apart)
 
 
+@suggests
 def assert_within(
     result: Mapping[str, np.ndarray],
     name: str,

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ._names import suggests
 from .components import PythonComponent
 from .result import FmuError, Result
 from .system import System
@@ -42,6 +43,7 @@ def integral_of_absolute(result: Mapping[str, np.ndarray], name: str) -> float:
     return integral if math.isfinite(integral) else math.inf
 
 
+@suggests
 def tune(
     system: System | str | os.PathLike[str],
     parameters: Mapping[str, tuple[float, float]],
