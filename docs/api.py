@@ -14,7 +14,7 @@ PACKAGE = ROOT / "crates" / "fmu-python" / "python" / "fmu_master"
 PAGE = ROOT / "docs" / "python-api.md"
 
 MODULES = {
-    "fmu_master": ["system", "instance", "result", "comparison", "sweeps", "components"],
+    "fmu_master": ["system", "instance", "result", "summary", "comparison", "sweeps", "components"],
     "fmu_master.linear": ["linear"],
     "fmu_master.tuning": ["tuning"],
     "fmu_master.gym": ["gym"],

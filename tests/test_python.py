@@ -30,18 +30,16 @@ from fmu_master import (
     Result,
     Sweep,
     System,
-    compare,
     python_component,
-    read,
     simulate,
     sweep,
 )
 from fmu_master._command import COMMAND
-from native import LOOPS, SECONDS, in_c, run
+from native import LOOPS, SECONDS, in_c
 from native import simulate as by_command_line
 from sweeps import done, journal_of
 from test_crashes import FAULTS, faulty
-from test_native import TYPED, binaries, relay, sums
+from test_native import binaries, relay, sums
 
 __all__ = ["binaries", "faulty", "relay", "sums"]  # fixtures
 
@@ -57,24 +55,6 @@ def test_a_run_has_the_bits_of_the_command_line(fmus, tmp_path, in_process):
     for name, column in result.items():
         np.testing.assert_array_equal(column, expected[name])
     assert result.units["plant.theta"] == "rad"
-
-
-@pytest.mark.parametrize("in_process", [False, True])
-def test_alarms_and_summary_are_those_of_the_command_line(fmus, in_process):
-    loop = LOOPS / "pid-rbf.toml"
-    late = {"controller.previous_sample_terms": True}
-    options = ("--order=parallel", "--set=controller.previous_sample_terms=true")
-    shown = run("simulate", loop, *options).stdout.splitlines()
-    result = System(loop).simulate(late, order="parallel", in_process=in_process)
-    alarms = [line.removeprefix("alarm: ") for line in shown if line.startswith("alarm: ")]
-    assert result.alarms == alarms
-    assert len(alarms) == 2
-    rows = {line.split()[0]: line.split()[1:5] for line in shown}
-    assert result.summary
-    for name, numbers in result.summary.items():
-        digits = [f"{numbers[key]:.3e}" for key in ("min", "max", "rms")]
-        assert list(map(float, digits)) == list(map(float, rows[name][:3]))
-        assert numbers["last"] == result[name][-1] == pytest.approx(float(rows[name][3]), rel=1e-9)
 
 
 @pytest.mark.parametrize("in_process", [False, True])
@@ -143,42 +123,6 @@ def test_a_system_of_keywords_is_that_of_a_file(fmus):
         np.testing.assert_array_equal(result[name], expected[name])
 
 
-def test_inputs_are_functions_arrays_frames_results_or_files(fmus, tmp_path):
-    step, force = 1e-3, 2.0
-    time = np.arange(0, 1.0005, step)
-    table = np.array([(0.0, force), (1.0, force)], dtype=[("time", float), ("u", float)])
-    before = simulate(PENDULUM, stop_time=1.0, output="u", start_values=pandas.Series({"u": force}))
-    file = tmp_path / "input.csv"
-    file.write_text(f"time,u [N]\n0,{force}\n")
-    results = [
-        simulate(PENDULUM, stop_time=1.0, step_size=step, input=given)
-        for given in (
-            {"u": lambda t: force},
-            {"u": lambda t: np.array(force)},  # as functions of SciPy return
-            {"time": time, "u": lambda t: force},
-            {"time": time, "u": np.full(len(time), force)},
-            table,
-            before,
-            before.to_pandas(),
-            file,
-        )
-    ]
-    for result in results:
-        np.testing.assert_array_equal(result["theta"], results[0]["theta"])
-    assert results[0]["theta"][-1] > 0
-    assert simulate(PENDULUM, stop_time=1.0)["theta"][-1] == 0
-
-
-def test_inputs_may_be_elements_of_matrices_and_any_texts(sums):
-    changes = {
-        '7" causality="parameter" variability="fixed"': '7" causality="input"',
-        '<Dimension start="3"/><Alias': '<Dimension start="3"/><Dimension start="1"/><Alias',
-    }
-    given = {"time": [0.0], "a.u[2,1]": [5], "a.s[1]": ['a\\b\n",'], "a.s[2]": [""]}
-    result = System(sums({"a": {}}, changes=changes)).simulate(input=given)
-    assert (result["a.n"][-1], result["a.k[1,1]"][-1]) == (351, -6)  # the length of the texts
-
-
 @pytest.mark.parametrize(
     ("fault", "ended"), [("CRASH", "signal 11"), ("FAIL", "returned fmi2Error")]
 )
@@ -189,62 +133,6 @@ def test_a_fault_is_an_exception_with_the_rows_so_far(faulty, fault, ended):
     error = caught.value
     assert (error.component, error.function, error.time) == ("Faulty", "fmi2DoStep", 0.5)
     assert error.result["time"].tolist() == [0.0, 0.125, 0.25, 0.375, 0.5]
-
-
-def test_results_have_the_types_of_fmi_in_numpy_pandas_polars_and_files(sums, tmp_path):
-    system = System(sums({"a": {}}, outputs=list(TYPED)[1:]))
-    result = system.simulate()
-    frames = result.to_pandas(), result.to_polars()
-    for name, (kind, _, value) in TYPED.items():
-        if name in result:  # all but the time
-            kind = {"float": "float32", "string": "O", "binary": "O"}.get(kind, kind)
-            assert result[name].dtype == np.dtype(kind)
-            values = result[name], frames[0][name].to_numpy(), frames[1][name].to_list()
-            assert [column[-1] for column in values] == [value] * 3
-            assert type(values[2][-1]) is type(value)
-    assert frames[0].index.tolist() == frames[1]["time"].to_list() == result["time"].tolist()
-    assert result["a.texts"].tolist() == [["", 'a "b", c', "π\nline 2"]] * 5
-    run("simulate", system.file, "--csv", "out.parquet", cwd=tmp_path)
-    assert compare(result, tmp_path / "out.parquet").is_same
-
-
-@pytest.mark.parametrize("in_process", [False, True])
-def test_start_values_keep_all_bits_on_their_way_to_numpy_and_parquet(relay, tmp_path, in_process):
-    file = relay({"a": {}}, (), outputs=["a.gain", "a.shape"])
-    for gain in (-0.0, 5e-324, 0.1 + 0.2, -math.inf, math.nan, 2**63):
-        start = {"gain": gain, "shape": "square"}
-        system = System(file).changed(component=[{"name": "a", "fmu": "Relay.fmu", "start": start}])
-        (tmp_path / "b.toml").write_text(system.toml, encoding="utf-8")
-        run("simulate", "b.toml", "--csv", "out.parquet", cwd=tmp_path)
-        written = pyarrow.parquet.read_table(tmp_path / "out.parquet")
-        given = {f"a.{key}": value for key, value in start.items()}
-        result = System(file).simulate(given, in_process=in_process)
-        for column in (result["a.gain"], written["a.gain"].to_numpy()):
-            assert column[-1].tobytes() == np.float64(gain).tobytes()
-        assert result["a.shape"][-1] == written["a.shape"].to_pylist()[-1] == 4
-
-
-def test_the_item_of_an_enumeration_of_fmi_2_is_its_number(relay):
-    system = System(relay({"a": {"shape": "square"}}, (), outputs=["a.choice"]))
-    assert system.simulate()["a.choice"].tolist() == [4] * 5
-
-
-def test_the_names_of_items_are_in_files_and_beside_the_numbers(relay, tmp_path):
-    file = relay({"a": {"shape": "SQUARE"}}, (), outputs=["a.choice", "a.label"])
-    result = System(file).simulate()
-    assert result.enumerations == {"a.choice": {1: "linear", 4: "square"}}
-    assert result.names("a.choice").tolist() == ["square"] * 5
-    assert result.names("a.label") is result["a.label"]
-    labels = [axis.get_legend_handles_labels()[1] for axis in result.plot().axes]
-    assert labels == [["a.choice"], ["a.label"]]
-    numbers = {"time": result["time"], "a.choice": [4, 4, 1, 4, 4], "a.label": result["a.label"]}
-    assert [d.values for d in compare(result, numbers).differences] == [(4, 1)]
-    for name in ("out.csv", "out.parquet"):
-        run("simulate", file, "--csv", name, cwd=tmp_path)
-        written = read(tmp_path / name)
-        assert written["a.choice"].tolist() == ["square"] * 5
-        for pair in ((result, written), (written, result)):
-            assert compare(*pair).is_same
 
 
 def test_jupyter_shows_a_picture_of_a_result(fmus):
@@ -291,7 +179,6 @@ def test_messages_name_what_python_has(loop, tmp_path):
         ({"u": [1.0]}, r"input = u, expected also a column time \[s\]"),
         ({"r": lambda t: t, "u": [1.0]}, r"input = r, u, expected also a column time \[s\]"),
         ({"time": [0.0, 1.0], "u": [1.0]}, r"input u: 1 values, expected 2"),
-        ({"time": [0.0, 1.0], "u": 1.0}, r"input u: 1 values, expected 2"),
         ({"time": np.array([0, 1], "m8[s]"), "u": [0, 1]}, "time has dates or durations, expected"),
         (Result.of({"time": [0], "u": [1]}, {"u": "kN"}), "input: u is in kN, expected N"),
         (np.zeros((2, 2)), "ndarray, expected a table of named columns"),
@@ -336,44 +223,6 @@ LARGEST, ODD = 2**64 - 1, 2**53 + 1
 def echo(tmp_path) -> Path:
     """Return an FMU whose outputs are its inputs: yw of w and so on."""
     return in_c(tmp_path / "Echo.fmu")
-
-
-def test_whole_numbers_of_64_bits_keep_all_digits_in_runs_and_tables(echo, tmp_path):
-    start = {"w": LARGEST, "i": -ODD, "ws": [1, 2**63 + 1]}
-    system = System(components={"a": {"fmu": echo, "start": start}}, step=0.5, stop=1.0)
-    (tmp_path / "a.toml").write_text(system.toml)
-    parts = {f"a.{name}": value for name, value in start.items()}
-    for result in (
-        system.simulate(),
-        System(tmp_path / "a.toml").simulate(),
-        System({**system.keys(), "component": [{"name": "a", "fmu": echo}]}).simulate(parts),
-    ):
-        assert (result["a.yw"][-1], result["a.yi"][-1]) == (LARGEST, -ODD)
-        assert result["a.yws"][-1].tolist() == [1, 2**63 + 1]
-    arrow = pyarrow.table({"time": [0.0, 0.5], "w": pyarrow.array([1, LARGEST], pyarrow.uint64())})
-    pyarrow.parquet.write_table(arrow, tmp_path / "w.parquet", compression="none")
-    time = [0.0, 0.5]
-    for given in (
-        {"time": time, "w": [1, LARGEST]},
-        {"time": time, "w": np.array([1, LARGEST], np.uint64)},
-        {"w": lambda t: LARGEST if t >= 0.5 else 1},
-        pandas.DataFrame({"time": time, "w": [1, LARGEST]}),
-        polars.DataFrame({"time": time, "w": [1, LARGEST]}),
-        tmp_path / "w.parquet",
-    ):
-        result = simulate(echo, input=given, step_size=0.25)
-        assert result["yw"].tolist() == [1, 1, 1, LARGEST, LARGEST]  # before each step
-    assert read(tmp_path / "w.parquet")["w"].tolist() == [1, LARGEST]
-    polars.DataFrame({"time": time}).write_parquet(tmp_path / "z.parquet", compression="zstd")
-    with pytest.raises(FmuError, match="compression is ZSTD, expected SNAPPY or none"):
-        read(tmp_path / "z.parquet")
-    tables = [{"time": time, "w": [1, last]} for last in (LARGEST, LARGEST - 1)]
-    assert compare(*tables, relative=0).reference["w"].tolist() == [1, LARGEST]
-    names = dict.fromkeys(("reference", "output", "error", "control"), "a.yA[1,1]")
-    plan = {"a.w": [1, LARGEST], "a.i": [-ODD, ODD]}
-    sweep(plan, system, tmp_path / "out.parquet", signals=names, set={"a.ws": [LARGEST, 0]})
-    runs = read(tmp_path / "out.parquet")
-    assert {name: runs[name].tolist() for name in plan} == plan
 
 
 SHAPES = {
@@ -720,16 +569,6 @@ def test_keywords_replace_the_keys_of_a_sweep_file(loop):
     assert repr(runs).startswith("<Result: 2 rows: index, plant.M, iae, ")
     assert runs.to_pandas().index.tolist() == runs.plot().axes[0].lines[0].get_xdata().tolist()
     assert "index" not in runs.summary
-
-
-def test_an_array_has_its_elements_only_and_a_column_with_texts_is_one_of_objects(tmp_path):
-    result = Result.of({name: [1.0] for name in ("time", "a[1].b[1]", "a[1].b[2]", "a[1].c")}, {})
-    assert result["a[1].b"].tolist() == [[1, 1]]
-    with pytest.raises(KeyError, match="a is not recorded"):
-        result["a"]
-    file = tmp_path / "mixed.csv"
-    file.write_text("time,x\n0,1\n1,on\n")
-    assert read(file)["x"].tolist() == [1, "on"]
 
 
 def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-/* A co-simulation FMU of FMI 3.0 that returns what it was given: whole numbers of 64 bits, and a matrix. */
+/* A co-simulation FMU of FMI 3.0 that returns what it was given: whole numbers of 64 bits, matrices, an item and bytes. */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -6,12 +6,15 @@
 #include <string.h>
 
 enum { OK, ERROR = 3 };
-enum { W = 1, WS, I, A, OUT = 10 };
+enum { W = 1, WS, I, A, M, E, B, OUT = 10 };
 
 typedef struct {
     uint64_t w, ws[2];
     int64_t i;
-    double a[6];
+    double a[6], m[6];
+    int64_t e;
+    size_t size;
+    uint8_t bytes[16];
 } Echo;
 
 typedef const unsigned *References;
@@ -43,11 +46,13 @@ static void *place(Echo *c, unsigned r, size_t *size) {
     case WS: return *size = sizeof c->ws, c->ws;
     case I: return *size = sizeof c->i, &c->i;
     case A: return *size = sizeof c->a, c->a;
+    case M: return *size = sizeof c->m, c->m;
+    case E: return *size = sizeof c->e, &c->e;
     }
     return NULL;
 }
 
-/* All types have 8 bytes. */
+/* All types but Binary have 8 bytes. */
 static int access(Echo *c, References r, size_t n, void *values, size_t count, bool sets) {
     char *at = values, *end = at + 8 * count;
     for (size_t k = 0, size; k < n; k++, at += size) {
@@ -80,4 +85,18 @@ int fmi3GetInt64(Echo *c, References r, size_t n, int64_t *values, size_t count)
 
 int fmi3GetFloat64(Echo *c, References r, size_t n, double *values, size_t count) {
     return access(c, r, n, values, count, false);
+}
+
+int fmi3SetBinary(Echo *c, References r, size_t n, const size_t *sizes, const uint8_t *const *values, size_t count) {
+    if (n != 1 || count != 1 || r[0] % OUT != B || sizes[0] > sizeof c->bytes) return ERROR;
+    c->size = sizes[0];
+    memcpy(c->bytes, values[0], c->size);
+    return OK;
+}
+
+int fmi3GetBinary(Echo *c, References r, size_t n, size_t *sizes, const uint8_t **values, size_t count) {
+    if (n != 1 || count != 1 || r[0] % OUT != B) return ERROR;
+    sizes[0] = c->size;
+    values[0] = c->bytes;
+    return OK;
 }

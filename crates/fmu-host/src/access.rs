@@ -50,7 +50,7 @@ macro_rules! access {
             /// Sets the values of all elements of variables of one type.
             ///
             /// # Errors
-            /// As for every call, for Clocks and Binaries, which are not supported, and if a whole number does not
+            /// As for every call, for Clocks, which are not supported, and if a whole number does not
             /// fit the type.
             pub fn set_values(&mut self, of_type: Type, r: &[u32], values: &[Value]) -> Result {
                 let (kind, i, values) = (of_type.accessed_as(self.version()), self, values.iter());
@@ -71,6 +71,13 @@ macro_rules! access {
                             _ => CString::default(),
                         });
                         i.set_string(r, &Vec::from_iter(own))
+                    }
+                    Type::Binary => {
+                        let own = values.map(|value| match value {
+                            Value::Binary(bytes) => bytes.as_slice(),
+                            _ => &[],
+                        });
+                        i.set_binary(r, &Vec::from_iter(own))
                     }
                     kind => Err(failure(i, "set", kind, Cause::Unsupported)),
                 }

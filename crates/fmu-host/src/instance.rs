@@ -443,6 +443,13 @@ impl Instance {
         Ok((got, copied.ok_or_else(|| Failure::new("fmi3GetBinary", cause))?))
     }
 
+    /// `fmi3SetBinary`
+    pub fn set_binary(&mut self, references: &[u32], values: &[&[u8]]) -> Result {
+        let (sizes, values): (Vec<_>, Vec<_>) =
+            values.iter().map(|value| (value.len(), value.as_ptr())).unzip();
+        Fmi3(&mut self.handle).set_binary(references, &sizes, &values)
+    }
+
     /// Gets and sets no variables of type Float64, with NULL for all arrays.
     pub fn get_and_set_nothing(&mut self) -> Result {
         #[cfg(feature = "sandbox")]

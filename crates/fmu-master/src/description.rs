@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::{Amount, Fault};
 use crate::function::Computed;
+use crate::given_inputs::GivenInputs;
 use crate::package::SystemOrigin;
-use crate::table::Series;
 use crate::{Compilation, Experiment, Function, Literal, Signature};
 
 /// A system of coupled FMUs.
@@ -54,7 +54,7 @@ pub struct Description {
     pub input: Option<PathBuf>,
     /// Values of inputs over time, if there is no file.
     #[serde(skip)]
-    pub input_table: Option<Vec<Series>>,
+    pub given_inputs: Option<GivenInputs>,
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
     pub is_single: bool,

@@ -222,6 +222,24 @@ impl Fmu {
         }
     }
 
+    /// The scalars that are set by this name, and the dimensions of the variable: a scalar, or the elements of an array,
+    /// which FMI 2.0 describes one by one.
+    ///
+    /// # Errors
+    /// As [`Self::scalar`].
+    pub(crate) fn elements(&self, name: &str) -> Result<(Vec<usize>, Vec<usize>)> {
+        if let Some(elements) = self.arrays.get(name) {
+            let dimensions = self.variable(elements.start).dimensions.clone();
+            return Ok((Vec::from_iter(elements.clone()), dimensions));
+        }
+        let element = |index: usize| self.get_scalar(&format!("{name}[{index}]"));
+        let elements = Vec::from_iter((1..).map_while(element));
+        match self.get_scalar(name).is_some() || elements.is_empty() {
+            true => Ok((vec![self.settable(name)?], Vec::new())),
+            false => Ok((elements.clone(), vec![elements.len()])),
+        }
+    }
+
     /// The definition of a unit in base units, if the FMU has one: exponents, factor and offset by name,
     /// without default values.
     pub fn unit(&self, name: &str) -> Option<&[(String, f64)]> {

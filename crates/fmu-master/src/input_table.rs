@@ -6,8 +6,10 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability, Variable};
 
+use crate::Fmu;
 use crate::components::{Components, ScalarId};
 use crate::connections::{ResolvedConnection, with_article};
+use crate::given_inputs::GivenInputs;
 use crate::literal::expected_item;
 use crate::store::{Place, Store, number};
 use crate::table::{self, Column, Series};
@@ -50,26 +52,67 @@ impl InputTable {
     ) -> Result<Self> {
         let table = table::read_texts(file);
         let table = table.with_context(|| format!("cannot read {}", file.display()))?;
-        Self::new(&table, components, connections).with_context(|| file.display().to_string())
+        let table = table::times(&table).and_then(|times| {
+            let columns =
+                table[1..].iter().map(|series| Ok((components.settable(&series.name)?, series)));
+            Self::new(times, columns, components, connections)
+        });
+        table.with_context(|| file.display().to_string())
     }
 
-    /// Checks a table.
+    /// Checks inputs that a program gives.
     ///
     /// # Errors
-    /// A column is not an input that is free, or a row is invalid.
-    pub(crate) fn new(
-        table: &[Series],
+    /// As for [`Self::read`], or values do not have the shape of their input.
+    pub(crate) fn of_values(
+        given: &GivenInputs,
         components: &Components,
         connections: &[ResolvedConnection],
     ) -> Result<Self> {
-        let times = table::times(table)?;
+        let times = table::times(std::slice::from_ref(&given.time)).context("input")?;
+        let found = given.inputs.iter().map(|input| {
+            let found = components.lookup(&input.series.name, Fmu::elements);
+            // Also before the error of an unknown name, as all names need a column of times.
+            let is_constant = match &found {
+                Ok((_, (_, dimensions))) => input.is_constant(times.len(), dimensions, given)?,
+                Err(_) => false,
+            };
+            Ok((input, found, is_constant))
+        });
+        let found: Vec<_> = found.collect::<Result<_>>()?;
+        let mut columns = Vec::new();
+        for (input, found, is_constant) in found {
+            let (component, (scalars, dimensions)) = found.context("input")?;
+            let name = &input.series.name;
+            for (element, scalar) in scalars.iter().enumerate() {
+                let id = ScalarId { component, scalar: *scalar };
+                let name = if dimensions.is_empty() { name.clone() } else { id.name(components) };
+                let cells = &input.series.cells;
+                let cells = match is_constant {
+                    true => vec![cells[element].clone(); times.len()],
+                    false => cells.iter().skip(element).step_by(scalars.len()).cloned().collect(),
+                };
+                columns.push((id, Series { name, unit: input.series.unit.clone(), cells }));
+            }
+        }
+        let columns = columns.iter().map(|(id, series)| Ok((*id, series)));
+        Self::new(times, columns, components, connections).context("input")
+    }
+
+    /// Checks the values of inputs, which have a row for each time (s).
+    fn new<'a>(
+        times: Vec<f64>,
+        columns: impl Iterator<Item = Result<(ScalarId, &'a Series)>>,
+        components: &Components,
+        connections: &[ResolvedConnection],
+    ) -> Result<Self> {
         let mut taken: HashSet<ScalarId> =
             connections.iter().map(|connection| connection.to).collect();
-        let columns = table[1..].iter().map(|series| {
+        let columns = columns.map(|column| {
+            let (input, series) = column?;
             let name = &series.name;
-            let input = components.settable(name)?;
             let variable = input.variable(components);
-            if let Some(reason) = input.fmu(components).unusable(input.scalar) {
+            if let Some(reason) = input.fmu(components).unrecordable(input.scalar) {
                 bail!("{name} cannot be set: {reason}");
             }
             let is_input = variable.causality == Causality::Input;
@@ -134,7 +177,9 @@ impl InputTable {
 /// A value in the type of an input, if it is finite and of the same kind; others are read as text, which may fail.
 fn converted(value: &Value, kind: Type) -> Option<Value> {
     match value {
-        Value::Boolean(_) | Value::String(_) => (value.of_type() == kind).then(|| value.clone()),
+        Value::Boolean(_) | Value::String(_) | Value::Binary(_) => {
+            (value.of_type() == kind).then(|| value.clone())
+        }
         _ if kind.is_float() => {
             let real = value.as_real().or_else(|| value.as_whole().map(|whole| whole as f64))?;
             Value::real(kind, real).filter(|_| real.is_finite())

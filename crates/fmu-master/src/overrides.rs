@@ -8,7 +8,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
-use crate::table::Series;
+use crate::given_inputs::GivenInputs;
 use crate::{Compilation, Description, Literal, Order, Sandbox};
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
@@ -46,9 +46,9 @@ pub struct Overrides {
     /// CSV or Parquet file with values of inputs: a column time in s, and one for each input
     #[arg(long, value_name = "FILE")]
     pub input: Option<PathBuf>,
-    /// A table of inputs, with which there is no file.
+    /// Values of inputs, with which there is no file.
     #[arg(skip)]
-    pub input_table: Option<Vec<Series>>,
+    pub given_inputs: Option<GivenInputs>,
     /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]
     pub fmus: Option<PathBuf>,
@@ -78,9 +78,9 @@ impl Overrides {
         if !self.outputs.is_empty() {
             description.outputs.clone_from(&self.outputs);
         }
-        if self.input.is_some() || self.input_table.is_some() {
+        if self.input.is_some() || self.given_inputs.is_some() {
             description.input.clone_from(&self.input);
-            description.input_table.clone_from(&self.input_table);
+            description.given_inputs.clone_from(&self.given_inputs);
         }
         if let Some(folder) = &self.fmus {
             description.take_fmus_from(folder);

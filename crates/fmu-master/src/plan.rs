@@ -63,10 +63,8 @@ impl Plan {
         if description.order == Order::Sequential && !description.allow_algebraic_loops {
             algebraic_loop::check(&components, &connections)?;
         }
-        let input = match (&description.input_table, &description.input) {
-            (Some(table), _) => {
-                Some(InputTable::new(table, &components, &connections).context("input")?)
-            }
+        let input = match (&description.given_inputs, &description.input) {
+            (Some(given), _) => Some(InputTable::of_values(given, &components, &connections)?),
             (None, Some(file)) => Some(InputTable::read(file, &components, &connections)?),
             (None, None) => None,
         };

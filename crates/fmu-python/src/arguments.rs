@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use fmu_master::job::SystemSource;
 use fmu_master::stepped_fmu::Setup;
 use fmu_master::table::Series;
-use fmu_master::{Argument, Compilation, Literal, Overrides, Signature};
+use fmu_master::{Argument, Compilation, GivenInput, GivenInputs, Literal, Overrides, Signature};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
@@ -78,10 +78,10 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
     let starts: Option<Starts<'_>> = arguments.get("starts")?;
     let input = arguments.given("input")?;
     let is_file = input.as_ref().is_some_and(|input| input.is_instance_of::<PyString>());
-    let (input, input_table) = match input {
+    let (input, given_inputs) = match input {
         None => (None, None),
         Some(file) if is_file => (Some(file.extract::<PathBuf>()?), None),
-        Some(table) => (None, Some(series(&table.extract()?)?)),
+        Some(given) => (None, Some(inputs(&given.extract()?)?)),
     };
     let overrides = Overrides {
         sets: literals(starts.unwrap_or_default())?,
@@ -93,7 +93,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         order: arguments.item("order")?,
         outputs: arguments.get("outputs")?.unwrap_or_default(),
         input,
-        input_table,
+        given_inputs,
         compilation: Compilation {
             is_wanted: arguments.get("compile")?.unwrap_or_default(),
             cache: None,
@@ -102,6 +102,18 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
     };
     let (file, text) = (arguments.get("file")?.unwrap_or_default(), arguments.get("text")?);
     Ok(SystemSource { file, text, functions, overrides })
+}
+
+/// The times of inputs; and of each input its name, unit, values in a row, their shape, and whether its first dimension is
+/// the time, None if the shape tells.
+type Inputs<'py> = (Cells<'py>, Vec<(String, String, Cells<'py>, Vec<usize>, Option<bool>)>);
+
+fn inputs((times, inputs): &Inputs<'_>) -> PyResult<GivenInputs> {
+    let inputs = inputs.iter().map(|(name, unit, cells, shape, is_over_time)| {
+        let series = column(name, unit, cells)?;
+        Ok(GivenInput { series, shape: shape.clone(), is_over_time: *is_over_time })
+    });
+    Ok(GivenInputs { time: column("time", "s", times)?, inputs: inputs.collect::<PyResult<_>>()? })
 }
 
 /// The setup of an FMU that is stepped by hand, from a dict with the keys of [`Setup`].
@@ -151,12 +163,12 @@ fn literals(starts: Starts<'_>) -> PyResult<Vec<(String, Literal)>> {
 /// # Errors
 /// A value is of a type that no variable has.
 pub fn series(table: &Table<'_>) -> PyResult<Vec<Series>> {
-    let series = table.iter().map(|(name, unit, cells)| {
-        let cells = cells.iter().map(|cell| cell.as_ref().map(from_python).transpose());
-        let (name, unit) = (name.clone(), unit.clone());
-        let cells: PyResult<_> = cells.collect();
-        let cells = cells.map_err(|error| PyTypeError::new_err(format!("{name}: {error}")))?;
-        Ok(Series { name, unit, cells })
-    });
-    series.collect()
+    table.iter().map(|(name, unit, cells)| column(name, unit, cells)).collect()
+}
+
+fn column(name: &str, unit: &str, cells: &Cells<'_>) -> PyResult<Series> {
+    let cells = cells.iter().map(|cell| cell.as_ref().map(from_python).transpose());
+    let cells: PyResult<_> = cells.collect();
+    let cells = cells.map_err(|error| PyTypeError::new_err(format!("{name}: {error}")))?;
+    Ok(Series { name: name.to_owned(), unit: unit.to_owned(), cells })
 }

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .components import PythonComponent, python_component
     from .instance import Instance, State, Variable
     from .result import FmuError, Message, Result, read
+    from .summary import Summary
     from .sweeps import Sweep, sweep
     from .system import System, simulate
 
@@ -30,6 +31,7 @@ __all__ = [
     "PythonComponent",
     "Result",
     "State",
+    "Summary",
     "Sweep",
     "System",
     "Variable",
@@ -43,7 +45,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # On first use: the command line needs no NumPy.
-    modules = "system result instance components comparison sweeps".split()
+    modules = "system result instance components comparison sweeps summary".split()
     for module in modules if name in __all__ else ():
         found = importlib.import_module(f".{module}", __name__)
         if hasattr(found, name):

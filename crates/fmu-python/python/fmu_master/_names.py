@@ -23,6 +23,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"; did you mean `{names[near[0]]}`?" if near else ""
 
 
+def similar_variables(name: str, known: Iterable[str]) -> str:
+    """Return which variables are similar to one that does not exist, or end with it."""
+    names = list(known)
+    similar = [n for n in names if n.endswith(f".{name}")] or difflib.get_close_matches(name, names)
+    return f"did you mean {' or '.join(similar[:3])}?" if similar else ""
+
+
 def unknown(what: str, name: object, known: Sequence[str]) -> str:
     """Return the message about a name that does not exist, among those that do."""
     names = ", ".join(f"`{other}`" for other in known)

@@ -71,12 +71,6 @@ def columns(table: Any) -> dict[str, Any]:
     return found
 
 
-def column(values: Any) -> list[Any]:
-    """Return the values of a column as a list."""
-    array = values if hasattr(values, "dtype") else np.array(values, object)
-    return list(np.ravel(array).tolist())
-
-
 def array(values: Any) -> np.ndarray:
     """Return an array; of objects, if some are whole numbers that a float would round."""
     found = np.asarray(values)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, overload
 
 import numpy as np
 
 from . import _native
+from ._names import similar_variables
 from ._values import array
+from .summary import Summary, statistics_of
 
 if TYPE_CHECKING:
     import pandas
@@ -83,7 +86,8 @@ class Result(Mapping[str, np.ndarray]):
 
     The table of a sweep has "index" first, the number of the run. An array variable has a column
     for each element, such as `result["q[2]"]`; `result["q"]` has all of them, one row for each
-    time.
+    time. `result[["theta", "q"]]` is the result with the time and these columns. Results are equal
+    if they have the same columns with the same values and units.
 
     Attributes
     ----------
@@ -129,13 +133,62 @@ class Result(Mapping[str, np.ndarray]):
         result.units = dict(units)
         return result
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name in self._columns:
+    @overload
+    def __getitem__(self, name: str) -> np.ndarray: ...
+    @overload
+    def __getitem__(self, name: list[str]) -> Self: ...
+    def __getitem__(self, name: str | list[str]) -> np.ndarray | Self:
+        if isinstance(name, list | tuple):
+            return self._of_columns(name)
+        elements = self._elements(name)
+        if elements == [name]:
             return self._columns[name]
-        elements = [n for n in self._columns if re.fullmatch(rf"{re.escape(name)}\[[\d,]+\]", n)]
-        if not elements:
-            raise KeyError(f"{name} is not recorded; recorded are {', '.join(self._columns)}")
         return np.stack([self._columns[n] for n in elements], axis=1)
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and (name in self._columns or bool(self._elements(name, ())))
+
+    def _elements(self, name: str, default: Sequence[str] | None = None) -> Sequence[str]:
+        """Return the column of this name, or those of an array."""
+        if not isinstance(name, str):
+            example = next(reversed(self._columns), "theta")
+            raise TypeError(
+                f"result[{name!r}], expected the name of a column or a list of names; "
+                f'result["{example}"][0] is the first value of {example}'
+            )
+        if name in self._columns:
+            return [name]
+        elements = [n for n in self._columns if re.fullmatch(rf"{re.escape(name)}\[[\d,]+\]", n)]
+        if elements or default is not None:
+            return elements
+        known = similar_variables(name, self) or f"recorded are {', '.join(self)}"
+        raise KeyError(f"{name} is not recorded; {known}")
+
+    def _of_columns(self, names: Sequence[str]) -> Self:
+        """Return the result with the first column, such as the time, and these."""
+        kept = {n: None for name in [*list(self)[:1], *names] for n in self._elements(name)}
+        result = copy.copy(self)
+        result._columns = {n: self._columns[n] for n in kept}
+        result.units = {n: self.units[n] for n in kept if n in self.units}
+        result.enumerations = {n: items for n, items in self.enumerations.items() if n in kept}
+        result.held = self.held & kept.keys()
+        result._set_points = {
+            n: point for n, point in self.set_points.items() if n in kept and point in kept
+        }
+        if self._summary is not None:
+            result._summary = {n: s for n, s in self._summary.items() if n in kept}
+        return result
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Result):
+            return NotImplemented
+        return (
+            self._columns.keys() == other._columns.keys()
+            and all(self.units.get(n, "") == other.units.get(n, "") for n in self)
+            and all(_is_equal(self.names(n), other.names(n)) for n in self)
+        )
+
+    __hash__ = None  # type: ignore[assignment] # as of all that is compared by its values
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._columns)
@@ -183,21 +236,12 @@ class Result(Mapping[str, np.ndarray]):
         return self._set_points
 
     @property
-    def summary(self) -> dict[str, dict[str, float]]:
-        """Minimum, maximum, RMS and last value of each column of numbers, by name."""
-        if self._summary is not None:
-            return self._summary
-        others = list(self.items())[1:]
-        numbers = {n: c.astype(float) for n, c in others if c.dtype != object and len(c)}
-        return {
-            name: {
-                "min": float(column.min()),
-                "max": float(column.max()),
-                "rms": float(np.sqrt(np.mean(column**2))),
-                "last": float(column[-1]),
-            }
-            for name, column in numbers.items()
-        }
+    def summary(self) -> Summary:
+        """Minimum, maximum, RMS and last value of each column of numbers, and the alarms."""
+        statistics = self._summary
+        if statistics is None:
+            statistics = statistics_of(dict(list(self.items())[1:]))
+        return Summary(statistics, self.units, self.alarms, self.ended)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a data frame of pandas whose index is the first column, such as the time [s]."""
@@ -263,6 +307,16 @@ def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
     if any(isinstance(cell, str) for cell in cells) or name == "failure":
         return np.array(cells, object)
     return array([np.nan if cell is None else cell for cell in cells])
+
+
+def _is_equal(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether columns have the same values; NaN equals NaN."""
+    if len(a) != len(b):
+        return False
+    if object in (a.dtype, b.dtype):
+        pairs = zip(a.tolist(), b.tolist(), strict=True)
+        return all(x == y or (x != x and y != y) for x, y in pairs)
+    return bool(np.all((a == b) | ((a != a) & (b != b))))
 
 
 def _array(kind: str, data: Any) -> np.ndarray:

@@ -17,15 +17,17 @@ import numpy as np
 
 from . import _keys, _native
 from ._command import COMMAND
+from ._inputs import Given, inputs
 from ._names import suggests
-from ._values import column, columns, document, one_or_more, plain_starts
+from ._values import document, one_or_more, plain_starts
 from .components import PythonComponent
 from .result import FmuError, Messages, Result
 
 Input = Any
-"""Inputs over time: a file (CSV or Parquet), a `Result`, a structured array, a data frame, or a
-mapping from names to arrays or to functions of the time [s]. They have the column "time" [s] unless
-all are functions."""
+"""Inputs: a file (CSV or Parquet), a `Result`, a structured array, a data frame, or a mapping from
+names to values: a constant such as `1.0`, a function of the time [s], or an array with a value for
+each time of the column "time" [s]. Values of an array variable have its shape, over time with a row
+for each time. Values of an enumeration are names of items, those of a Binary are `bytes`."""
 
 
 class System:
@@ -140,9 +142,9 @@ class System:
         changes["outputs"] = one_or_more(changes.get("outputs") or ())
         return _native.times(self._source(changes, start_values))
 
-    def _points(self) -> np.ndarray:
+    def _points(self, changes: Mapping[str, Any] | None = None) -> np.ndarray:
         """Return the communication points [s], and the one after the stop time."""
-        return np.frombuffer(_native.points(self._source()))
+        return np.frombuffer(_native.points(self._source(changes)))
 
     def _bounds(self, names: Sequence[str]) -> list[tuple[float | None, float | None]]:
         """Return the smallest and the largest value of variables, or None where there is none."""
@@ -263,25 +265,12 @@ class System:
             raise FmuError(text, component, function, time, result) from raised
         return result
 
-    def _input(self, given: Input, changes: Mapping[str, Any]) -> str | list[tuple[str, str, Any]]:
-        """Return the file of inputs, or columns of name, unit and values."""
+    def _input(self, given: Input, changes: Mapping[str, Any]) -> str | Given:
+        """Return the file of inputs, or their values."""
         if isinstance(given, str | os.PathLike):
             return str(Path(given).absolute())
-        table = columns(given)
-        if "time" in table:
-            time = column(table["time"])
-        elif all(map(callable, table.values())):
-            time = np.frombuffer(_native.points(self._source(changes))).tolist()
-        else:
-            raise FmuError(f"input = {', '.join(table)}, expected also a column time [s]")
         units = given.units if isinstance(given, Result) else {}
-        found = []
-        for name, values in ({"time": time} | table).items():
-            cells = [values(t) for t in time] if callable(values) else column(values)
-            if len(cells) != len(time):
-                raise FmuError(f"input {name}: {len(cells)} values, expected {len(time)}")
-            found.append((name, units.get(name, ""), cells))
-        return found
+        return inputs(given, units, lambda: self._points(changes).tolist())
 
 
 @suggests
