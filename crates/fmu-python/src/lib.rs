@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
+mod caller;
 mod error;
 mod instance;
 mod run;

@@ -3,19 +3,16 @@
 
 use std::ffi::OsString;
 use std::ops::Range;
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::thread::{self, JoinHandle};
-use std::time::{Duration, Instant};
+use std::thread;
 
 use anyhow::{Context, Result, ensure};
 use cargo_fmu::session::Session;
 use fmu_description::{Causality, Type, Value};
-use fmu_master::RunError;
 use fmu_master::job::{self, Job};
 use fmu_master::stepped_fmu::{Names, Setup};
-use fmu_master::vector::{Exchange, Outcome, Share, ShareSource, Task, VectorSetup, action_value};
-use fmu_worker::{Event, ProcessOwned, Record, Worker};
+use fmu_master::vector::{Exchange, Share, ShareSource, Task, VectorSetup, action_value};
+use fmu_worker::{ProcessOwned, Record};
 use pyo3::buffer::PyBuffer;
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -23,77 +20,11 @@ use pyo3::sync::MutexExt;
 use pyo3::types::PyDict;
 
 use crate::arguments::{self, Starts};
-use crate::error::{FmuError, error, to_exception};
+use crate::caller::{Caller, ShareThread};
+use crate::error::{FmuError, error};
 use crate::instance::FAREWELL;
-use crate::run::{PERIOD, command, limits};
+use crate::run::{command, limits};
 use crate::values::literal;
-
-/// Who calls the instances of a share.
-enum Caller {
-    /// The thread that calls the vector.
-    This(Box<Share>),
-    Thread(ShareThread),
-    Process(Box<Worker>),
-}
-
-/// A thread with a share.
-struct ShareThread {
-    /// `None` when the thread is to end.
-    tasks: Option<SyncSender<Task>>,
-    outcomes: Receiver<Outcome>,
-    thread: Option<JoinHandle<()>>,
-}
-
-/// The time for which a thread waits without sleeping, as the next task often comes soon.
-const SOON: Duration = Duration::from_micros(200);
-
-/// Waits for the next message, if the other end is there.
-fn next<T>(messages: &Receiver<T>) -> Option<T> {
-    let begin = Instant::now();
-    while begin.elapsed() < SOON {
-        match messages.try_recv() {
-            Ok(message) => return Some(message),
-            Err(TryRecvError::Empty) => thread::yield_now(),
-            Err(TryRecvError::Disconnected) => return None,
-        }
-    }
-    messages.recv().ok()
-}
-
-impl ShareThread {
-    fn new(mut share: Share) -> Self {
-        let (tasks, received) = sync_channel(1);
-        let (sender, outcomes) = sync_channel(1);
-        let thread = thread::spawn(move || {
-            while let Some(task) = next(&received) {
-                if sender.send(share.fulfil(&task)).is_err() {
-                    return;
-                }
-            }
-        });
-        Self { tasks: Some(tasks), outcomes, thread: Some(thread) }
-    }
-
-    /// Sends a task. If the thread is gone, that is known when its outcome is received.
-    fn send(&self, task: Task) {
-        let _ = self.tasks.as_ref().map(|tasks| tasks.send(task));
-    }
-
-    fn receive(&self) -> PyResult<()> {
-        match next(&self.outcomes) {
-            Some(outcome) => outcome.map_err(|error| to_exception(*error)),
-            None => Err(FmuError::new_err("a thread has ended early")),
-        }
-    }
-}
-
-impl Drop for ShareThread {
-    /// Waits until the thread has freed its instances.
-    fn drop(&mut self) {
-        self.tasks = None;
-        let _ = self.thread.take().map(JoinHandle::join);
-    }
-}
 
 /// A share of the instances, and the memory of their numbers.
 struct Part {
@@ -361,8 +292,8 @@ fn end(parts: Vec<Part>, session: Option<Session>) {
 impl Vector {
     /// Waits without Python's lock, which the thread that has the instances needs to return.
     fn state(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, State>> {
-        let name = self.names.names().0;
         if !self.state.is_of_this_process() {
+            let (name, _) = self.names.names();
             return Err(FmuError::new_err(format!(
                 "{name} runs for the process from which this one was forked, expected an environment that this one has made"
             )));
@@ -443,47 +374,33 @@ impl Vector {
         mut task: impl FnMut() -> Option<Task>,
     ) -> PyResult<()> {
         let mut outcome = Ok(());
-        let mut own = None;
         for share in 0..self.shares.len() {
             let Some(task) = task() else { continue };
             if state.parts[share].is_none() {
-                let part = self.start(share, state);
-                match part {
+                match self.start(share, state) {
                     Ok(part) => state.parts[share] = Some(part),
-                    Err(failure) => {
-                        outcome = outcome.and(Err(error(failure)));
-                        continue;
-                    }
+                    Err(failure) => outcome = outcome.and(Err(error(failure))),
                 }
             }
-            let Some(part) = &mut state.parts[share] else { continue };
-            part.is_busy = true;
-            match &mut part.caller {
-                Caller::This(_) => own = Some((share, task)),
-                Caller::Thread(thread) => thread.send(task),
-                Caller::Process(worker) => worker.send(&task),
+            if let Some(part) = &mut state.parts[share] {
+                part.caller.send(task);
+                part.is_busy = true;
             }
         }
-        if let Some((share, task)) = own
-            && let Some(Part { caller: Caller::This(own), is_busy, .. }) = &mut state.parts[share]
-        {
-            *is_busy = false;
-            outcome = outcome.and(own.fulfil(&task).map_err(|error| to_exception(*error)));
-        }
+        let names = || {
+            let (name, file) = self.names.names();
+            let all = (0..self.setup.count).map(|number| self.setup.name(&name, number));
+            all.map(|name| (name, file.clone())).collect()
+        };
         for part in &mut state.parts {
             let Some(Part { caller, is_busy, .. }) = part else { continue };
-            if !std::mem::take(is_busy) {
-                continue;
+            if std::mem::take(is_busy) {
+                let done = caller.receive(names);
+                if done.is_err() && matches!(caller, Caller::Process(_)) {
+                    *part = None;
+                }
+                outcome = outcome.and(done);
             }
-            let done = match caller {
-                Caller::This(_) => Ok(()),
-                Caller::Thread(thread) => thread.receive(),
-                Caller::Process(worker) => self.receive(worker),
-            };
-            if done.is_err() && matches!(caller, Caller::Process(_)) {
-                *part = None;
-            }
-            outcome = outcome.and(done);
         }
         outcome
     }
@@ -495,7 +412,7 @@ impl Vector {
             let (setup, record) = (&self.setup, Record::default());
             let instances = Share::new(&self.names, setup, numbers, exchange.clone(), record);
             let caller = match share {
-                0 => Caller::This(Box::new(instances)),
+                0 => Caller::Receiver(Box::new(instances), None),
                 _ => Caller::Thread(ShareThread::new(instances)),
             };
             return Ok(Part { caller, exchange, is_busy: false });
@@ -512,29 +429,5 @@ impl Vector {
         let worker = job::start(&mut command(&self.program), session.folder(), limits, &job);
         let worker = worker.context("cannot start a worker process")?;
         Ok(Part { caller: Caller::Process(Box::new(worker)), exchange, is_busy: false })
-    }
-
-    /// Waits for the outcome of a worker; Ctrl-C ends the worker.
-    fn receive(&self, worker: &mut Worker) -> PyResult<()> {
-        let mut looked = Instant::now();
-        loop {
-            match worker.poll()? {
-                Some(Event::Replied) => {
-                    return worker.reply::<Outcome>()?.map_err(|error| to_exception(*error));
-                }
-                Some(Event::Ended(ended)) => {
-                    let (name, file) = self.names.names();
-                    let names = (0..self.setup.count)
-                        .map(|number| (self.setup.name(&name, number), file.clone()));
-                    let names = Vec::from_iter(names);
-                    return Err(to_exception(*RunError::crash(worker, &names, &ended.to_string())));
-                }
-                None if looked.elapsed() >= PERIOD => {
-                    looked = Instant::now();
-                    Python::attach(|py| py.check_signals())?;
-                }
-                None => worker.pause(),
-            }
-        }
     }
 }
