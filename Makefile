@@ -128,7 +128,7 @@ wheel: $(VENV)/.test $(VENV)/.wheel
 		--zig --compatibility manylinux_2_17
 	$(RUN) -m pytest -m publish tests/test_wheel.py
 
-## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md
+## bench: measure the speed of FMUs, master and module, to target/bench; PUBLISH=1 updates docs/speed.md
 bench: fmus page sources $(VENV)/.test $(VENV)/.bench
 	cargo build --locked --profile native --package cargo-fmu --package fmu-python --package bench \
 		--features cargo-fmu/sandbox,bench/sandbox

@@ -1,4 +1,4 @@
-/* Measures the run time and memory of co-simulation binaries of FMI 2.0 and 3.0, from any vendor.
+/* Measures the run time of co-simulation binaries of FMI 2.0 and 3.0, from any vendor.
  *
  * usage: cycle MODE COUNT REPEATS FMU [-- FMU]...
  *
@@ -22,12 +22,9 @@
  *
  *     cycle   COUNT cycles of one instance: set all inputs in one call, step by 1 ms, get all
  *             outputs in one call
- *     many    the same cycles, distributed over 1, 10, 100, 1000, 10000 instances in turn
  *     threads COUNT cycles in each of 1, 2, ... threads, one per core at most; each thread has an
  *             instance of its own; the time is the duration of all, divided by all cycles
  *     loop    COUNT steps of all FMUs, coupled: in each step one cycle of each, in their order
- *     life    COUNT simultaneous instances: time from instantiating to freeing one, and memory of one
- *             that is initialized
  *
  * Every repeat measures all FMUs in turn, so that a temporary slowdown of the machine affects all of
  * them; and it creates new instances, so that unstable models do not overflow if COUNT is small
@@ -36,7 +33,6 @@
  * Build: cc -O2 -o cycle cycle.c -ldl -lm -lpthread */
 
 #define _GNU_SOURCE
-#include <malloc.h>
 #include <pthread.h>
 #include <sched.h>
 #include <time.h>
@@ -94,37 +90,32 @@ INLINE Status cycle(int fmi, const Fmu *fmu, Plan *plan, Component c, size_t k,
     return status;
 }
 
-/* Runs the steps from `first` up to, not including, `last` of every instance in turn. Returns the
- * combined status of all calls. */
-INLINE Status run_in(int fmi, const Fmu *fmu, Plan *plan, Component *instances, size_t n,
-                     size_t first, size_t last) {
+/* Runs the steps from `first` up to, not including, `last`. Returns the combined status. */
+INLINE Status run_in(int fmi, const Fmu *fmu, Plan *plan, Component c, size_t first, size_t last) {
     unsigned status = OK;
     for (size_t k = first; k < last; k++)
-        for (size_t i = 0; i < n; i++)
-            status |= cycle(fmi, fmu, plan, instances[i], k, plan->inputs[k % PERIOD]);
+        status |= cycle(fmi, fmu, plan, c, k, plan->inputs[k % PERIOD]);
     return status;
 }
 
-static Status run(const Fmu *fmu, Plan *plan, Component *instances, size_t n, size_t first,
-                  size_t last) {
-    if (fmu->fmi == 3) return run_in(3, fmu, plan, instances, n, first, last);
-    return run_in(2, fmu, plan, instances, n, first, last);
+static Status run(const Fmu *fmu, Plan *plan, Component c, size_t first, size_t last) {
+    if (fmu->fmi == 3) return run_in(3, fmu, plan, c, first, last);
+    return run_in(2, fmu, plan, c, first, last);
 }
 
-/* The time (ns) per cycle of about `count` cycles distributed over `n` instances. */
-static double cycle_time(Fmu *fmu, size_t n, size_t count) {
+/* The time (ns) per cycle. */
+static double cycle_time(Fmu *fmu, size_t count) {
     Plan *plan = prepare(fmu);
-    Component *instances = calloc(n, sizeof *instances);
-    for (size_t i = 0; i < n; i++) initialize(fmu, instances[i] = instantiate(fmu));
-    size_t steps = (count + n - 1) / n, warm = 1 + steps / 8; /* the first steps fill caches */
-    must(fmu, run(fmu, plan, instances, n, 0, warm), "a warm-up cycle");
+    Component c = instantiate(fmu);
+    initialize(fmu, c);
+    size_t warm = 1 + count / 8; /* the first steps fill caches */
+    must(fmu, run(fmu, plan, c, 0, warm), "a warm-up cycle");
     double begin = now();
-    Status status = run(fmu, plan, instances, n, warm, warm + steps);
-    double time = (now() - begin) / (double)(n * steps);
+    Status status = run(fmu, plan, c, warm, warm + count);
+    double time = (now() - begin) / (double)count;
     must(fmu, status, "a cycle");
     fmu->last = plan->outputs[0];
-    for (size_t i = 0; i < n; i++) end(fmu, instances[i]);
-    free(instances);
+    end(fmu, c);
     free(plan);
     return time;
 }
@@ -136,13 +127,12 @@ static void print_times(const char *name, const double *times, size_t repeats) {
     printf("]");
 }
 
-static void measure_cycles(Fmu *fmus, size_t n_fmus, size_t n, size_t count, size_t repeats) {
+static void measure_cycles(Fmu *fmus, size_t n_fmus, size_t count, size_t repeats) {
     for (size_t repeat = 0; repeat < repeats; repeat++)
         for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++)
-            fmu->times[repeat] = cycle_time(fmu, n, count);
+            fmu->times[repeat] = cycle_time(fmu, count);
     for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++) {
-        printf("{\"fmu\": \"%s\", \"instances\": %zu, \"last_output\": %.17g", fmu->name, n,
-               fmu->last);
+        printf("{\"fmu\": \"%s\", \"last_output\": %.17g", fmu->name, fmu->last);
         print_times("ns", fmu->times, repeats);
         printf("}\n");
     }
@@ -174,10 +164,10 @@ static void *work(void *argument) {
     Component c = instantiate(fmu);
     initialize(fmu, c);
     size_t warm = 1 + worker->count / 8;
-    must(fmu, run(fmu, plan, &c, 1, 0, warm), "a warm-up cycle");
+    must(fmu, run(fmu, plan, c, 0, warm), "a warm-up cycle");
     pthread_barrier_wait(worker->start);
     worker->begin = now();
-    Status status = run(fmu, plan, &c, 1, warm, warm + worker->count);
+    Status status = run(fmu, plan, c, warm, warm + worker->count);
     worker->end = now();
     must(fmu, status, "a cycle");
     end(fmu, c);
@@ -287,37 +277,6 @@ static void measure_loop(Fmu *fmus, size_t n_fmus, size_t count, size_t repeats)
     printf("}\n");
 }
 
-/* --- instances -------------------------------------------------------------------------------- */
-
-static double allocated(void) {
-    struct mallinfo2 info = mallinfo2();
-    return (double)(info.uordblks + info.hblkhd);
-}
-
-static void measure_lives(Fmu *fmus, size_t n_fmus, size_t n, size_t repeats) {
-    Component *instances = calloc(n, sizeof *instances);
-    double bytes[MAX_FMUS];
-    for (size_t repeat = 0; repeat < repeats; repeat++) {
-        for (size_t f = 0; f < n_fmus; f++) {
-            Fmu *fmu = &fmus[f];
-            double before = allocated(), begin = now();
-            for (size_t i = 0; i < n; i++) instances[i] = instantiate(fmu);
-            for (size_t i = 0; i < n; i++) release(fmu, instances[i]);
-            fmu->times[repeat] = (now() - begin) / (double)n;
-
-            for (size_t i = 0; i < n; i++) initialize(fmu, instances[i] = instantiate(fmu));
-            bytes[f] = (allocated() - before) / (double)n;
-            for (size_t i = 0; i < n; i++) end(fmu, instances[i]);
-        }
-    }
-    for (size_t f = 0; f < n_fmus; f++) {
-        printf("{\"fmu\": \"%s\", \"initialized_bytes\": %.1f", fmus[f].name, bytes[f]);
-        print_times("ns", fmus[f].times, repeats);
-        printf("}\n");
-    }
-    free(instances);
-}
-
 int main(int n_words, char **words) {
     static Fmu fmus[MAX_FMUS];
     if (n_words < 5) fail("usage", "cycle MODE COUNT REPEATS FMU [-- FMU]...");
@@ -335,12 +294,9 @@ int main(int n_words, char **words) {
         load(fmu);
     }
     make_signal();
-    if (!strcmp(mode, "cycle")) measure_cycles(fmus, n_fmus, 1, count, repeats);
-    else if (!strcmp(mode, "life")) measure_lives(fmus, n_fmus, count, repeats);
-    else if (!strcmp(mode, "many"))
-        for (size_t n = 1; n <= 10000; n *= 10) measure_cycles(fmus, n_fmus, n, count, repeats);
+    if (!strcmp(mode, "cycle")) measure_cycles(fmus, n_fmus, count, repeats);
     else if (!strcmp(mode, "threads")) measure_threads(fmus, n_fmus, count, repeats);
     else if (!strcmp(mode, "loop")) measure_loop(fmus, n_fmus, count, repeats);
-    else fail(mode, "the modes are cycle, many, threads, loop, life");
+    else fail(mode, "the modes are cycle, threads, loop");
     return 0;
 }

@@ -11,18 +11,17 @@ import fmpy
 from fmpy import read_model_description
 from playwright.sync_api import Page, sync_playwright
 
-from measure import NATIVE, WASM, run
+from hosts import Costs, in_host, run
+from measure import WASM
 from node import in_node
 from node import program as node
 from pendulum_fmus.project import FMUS, ROOT
 
 PAGE = ROOT / "target" / "page" / "index.html"
-HOST = NATIVE.with_name("bench-host")
 
 SIGNALS = {
     "Pid": ("y", "u", 1e-3),
     "PidRbf": ("y", "u", 1e-3),
-    "IpidRbf": ("y", "u", 1e-3),
     "Pendulum": ("u", "theta", 0.0),
 }
 """Input, output, and how far the input moves: the plant, without a controller, would fall."""
@@ -65,10 +64,9 @@ def component(name: str) -> Path:
     return WASM / f"{name}_fmi3.fmu"
 
 
-def in_host(folder: Path, rounds: int, cycles: int) -> dict[str, list[float]]:
+def by_fmu_host(folder: Path, rounds: int, cycles: int) -> Costs:
     """Measure native binaries and components in turn, by the crate fmu-host."""
-    words: list[object] = [HOST, rounds, cycles]
-    names = []
+    words: list[object] = []
     for name, (input_, output, amplitude) in SIGNALS.items():
         for engine, fmu in (("native", FMUS / f"{name}_fmi3.fmu"), ("wasmtime", component(name))):
             unpacked = folder / f"{name} {engine}"
@@ -76,10 +74,9 @@ def in_host(folder: Path, rounds: int, cycles: int) -> dict[str, list[float]]:
             [binary] = (file for file in unpacked.glob("binaries/*/*") if file.is_file())
             description = read_model_description(unpacked, validate=False)
             references = {v.name: v.valueReference for v in description.modelVariables}
-            words += [binary, description.guid, references[input_], references[output], amplitude]
-            names.append(f"{engine}/{name}")
-    lines = [map(float, line.split()) for line in run(words).splitlines()]
-    return dict(zip(names, map(list, zip(*lines, strict=True)), strict=True))
+            words += [f"{engine}/{name}", 3, binary, description.guid]
+            words += [references[input_], references[output], amplitude]
+    return in_host(rounds, cycles, words)
 
 
 def frames(page: Page, seconds: float) -> dict[str, float]:
@@ -130,7 +127,7 @@ def measure(folder: Path, *, quick: bool) -> dict[str, Any]:
     print("measuring: components", file=sys.stderr)
     rounds, cycles, seconds = (2, 100, 0.5) if quick else (30, 20_000, 10)
     given = [SIGNALS, rounds, cycles]
-    costs = {} if quick else in_host(folder, rounds, cycles)
+    costs = {} if quick else by_fmu_host(folder, rounds, cycles)
     found: dict[str, Any] = {"costs": costs, "frames": {}, "versions": {}, "sizes": {}}
     if node():
         files = {name: component(name) for name in SIGNALS}

@@ -1,34 +1,32 @@
-"""The text and the pictures of docs/speed.md that depend on measurements."""
+"""The text of docs/speed.md that depends on measurements."""
 
 import json
 import operator
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from statistics import median, quantiles
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from engines import ENGINES, SIGNALS
-from measure import BASELINE, IN_C, MODELS, REFERENCE, SOURCE, VERSIONS, Costs
-from pendulum_fmus.report import printed
-from pendulum_fmus.report.figure import Curve, Figure, Panel
+from hosts import BASELINE, IN_C, MODELS, REFERENCE, VERSIONS, Costs
+from measure import SIZES
 
 INPUTS = ("constant", "changing")
-
-SEVERAL = ("Pendulum, linear", "Pid", "PidRbf", REFERENCE.name)
-"""The FMUs of which many instances are measured."""
 
 # --- ratios of costs that were measured in the same rounds, and their aims -----------------
 
 MISSED = ("missed", "unclear")
 
 MET = {"most": operator.le, "least": operator.ge}
+
+UNITS = {"µs": 1e3, "ms": 1e6}
+"""The units of aims that are times, in ns."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +38,26 @@ class Ratio:
     to: str
     other: Sequence[float]
     aim: str = ""
+    fmu: str = ""
 
     @property
     def name(self) -> str:
         """What is compared with what."""
         return f"{self.what}, relative to {self.to}"
 
-    def shown(self, cost: float) -> str:
-        """Return a cost with its unit."""
-        return megabytes(cost) if "memory" in self.what else ns(cost)
+    def shown(self, costs: Sequence[float]) -> str:
+        """Return the median of costs with its unit."""
+        return (megabytes if "memory" in self.what else ns)(median(costs))
+
+    @property
+    def time(self) -> str:
+        """What it costs."""
+        return self.shown(self.ours)
+
+    @property
+    def other_time(self) -> str:
+        """What the other costs."""
+        return self.shown(self.other)
 
     @property
     def rounds(self) -> list[float]:
@@ -61,20 +70,47 @@ class Ratio:
         return median(self.rounds), min(self.ours) / min(self.other)
 
     @property
+    def limited(self) -> tuple[float, float]:
+        """What the aim limits, median and minimum: the ratio, or the cost in the aim's unit."""
+        unit = UNITS.get(self.aim.rpartition(" ")[2])
+        return (median(self.ours) / unit, min(self.ours) / unit) if unit else self.both
+
+    @property
     def verdict(self) -> str:
-        """Whether the ratio is as aimed for; unclear if median and minima disagree."""
+        """Whether the aim is met; unclear if median and minima disagree."""
         if not self.aim:
             return ""
-        _, bound, limit = self.aim.split()
-        met = {MET[bound](ratio, float(limit)) for ratio in self.both}
+        _, bound, limit, *_ = self.aim.split()
+        met = {MET[bound](value, float(limit)) for value in self.limited}
         return "unclear" if len(met) > 1 else "met" if met.pop() else "missed"
 
     @property
-    def cells(self) -> list[str]:
-        """The last four cells of a row; empty for what is compared with itself."""
-        if self.ours is self.other:
-            return [""] * 4
-        return [*map(number, self.both), self.aim, self.verdict]
+    def ratio(self) -> str:
+        """The ratio; empty for what is compared with itself."""
+        return "" if self.ours is self.other else number(self.both[0])
+
+    @property
+    def speed(self) -> str:
+        """How many times as fast ours is as the other."""
+        return "" if self.ours is self.other else number(1 / self.both[0])
+
+    @property
+    def with_aim(self) -> str:
+        """The ratio with the aim, and whether it is missed."""
+        missed = f": {self.verdict}" if self.verdict in MISSED else ""
+        return f"{self.ratio} ({self.aim}{missed})" if self.aim else self.ratio
+
+    @property
+    def measured(self) -> str:
+        """What the aim limits, the time or the ratio."""
+        if self.limited != self.both:
+            return ns(median(self.ours))
+        return f"{self.ratio} times"
+
+    @property
+    def goal(self) -> str:
+        """The aim, and whether it is met."""
+        return f"{self.aim}: {self.verdict}" if self.aim else ""
 
 
 Ratios = dict[Any, Ratio]
@@ -84,7 +120,7 @@ def ratios(costs: Costs) -> dict[str, Ratios]:
     """Return the ratios of ratios.toml by kind and by FMU and inputs, or by both costs."""
     tables = tomllib.loads(Path(__file__).with_name("ratios.toml").read_text(encoding="utf-8"))
     aims, found = tables.pop("aims"), {kind: {} for kind in tables}
-    names = [REFERENCE.name, *MODELS, *(case.name for case in BASELINE), SOURCE.name]
+    names = [REFERENCE.name, *MODELS, BASELINE.name]
     cases = {
         "cycles": product(names, INPUTS),
         "versions": product([case.name for case in VERSIONS], INPUTS),
@@ -100,7 +136,7 @@ def ratios(costs: Costs) -> dict[str, Ratios]:
                 )
                 if ours in costs and other in costs:
                     aim = row.get("aim") or aims.get(f"{name} {inputs}", "")
-                    ratio = Ratio(what, costs[ours], to, costs[other], aim)
+                    ratio = Ratio(what, costs[ours], to, costs[other], aim, name)
                     found[kind].setdefault((name, inputs) if inputs else (ours, other), ratio)
     return found
 
@@ -169,19 +205,10 @@ def worse(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
     for name, ratio in now["ratios"].items():
         old = before["ratios"].get(name)
         # A speed should be high, a cost low.
-        is_speed = (
-            "FMPy, " in name or name.startswith("the speed of ") or name.endswith("processes")
-        )
+        is_speed = "FMPy, " in name or name.endswith("processes")
         if old and (old / ratio if is_speed else ratio / old) > WORSE:
             found.append(f"{name}: {number(ratio)}, before {number(old)}")
     return found
-
-
-def node_costs(costs: Costs, inputs: str) -> list[tuple[int, float]]:
-    """Return the cost (ns) of a sample, by number of nodes in ascending order."""
-    names = [name.removeprefix("nodes/").split() for name in costs if name.startswith("nodes/")]
-    counts = sorted(int(count) for count, kind in names if kind == inputs)
-    return [(n, min(costs[f"nodes/{n} {inputs}"])) for n in counts]
 
 
 # --- the page -----------------------------------------------------------------------------
@@ -192,29 +219,55 @@ def render(results: Mapping) -> str:
     costs, loader = results["costs"], FileSystemLoader(Path(__file__).parent)
     options = {"trim_blocks": True, "keep_trailing_newline": True}
     environment = Environment(loader=loader, undefined=StrictUndefined, **options)
-    environment.filters |= {"code": code, "median": median, "ns": ns, "rate": rate, "row": row}
-    kinds, now = ratios(costs), published(results)
-    before = last_before(now)
+    environment.filters |= {"code": code, "median": median, "ns": ns, "row": row}
+    environment.filters |= {"megabytes": megabytes, "of": of, "span": span}
+    kinds = ratios(costs)
     context: dict[str, Any] = kinds | {
+        "by": side_by_side(kinds["calls"], kinds["masters"]),
+        "names": list(dict.fromkeys(name for name, _ in kinds["cycles"])),
         "missed": [r for kind in kinds.values() for r in kind.values() if r.verdict in MISSED],
         "engines": {name: engine_cells(results["wasm"]["costs"], name) for name in SIGNALS},
-        "nodes": [],
-        "python": None,
-        "before": before,
-        "worse": worse(now, before),
+        "vectors": vectors(costs),
+        "nodes": [node(costs, kind) for kind in INPUTS[::-1] if f"sample/256 {kind}" in costs],
         "noise": [
             noise(costs, [f"cycle/{name}" for name in (REFERENCE.name, "PidRbf")], INPUTS),
             noise(costs, ["pair/own"], [""]),
         ],
-        "spreads": [median(c) / min(c) for name, c in costs.items() if name.startswith("cycle/")],
     }
-    if "python/Pid" in costs:
-        context["python"] = Ratio("", costs["python/PythonPid"], "", costs["python/Pid"])
-    if "loading/open" in costs:
-        for kind in INPUTS[::-1]:
-            (fewer, less), (more, cost) = node_costs(costs, kind)[-2:]
-            context["nodes"].append(f"{(cost - less) / (more - fewer):.2g} ns")
     return environment.get_template("speed.md.j2").render(results | context)
+
+
+def side_by_side(*kinds: Ratios) -> list[list[Any]]:
+    """Return rows with time, aim and speed of each kind, by what is measured."""
+    by_name = [{ratio.what: ratio for ratio in kind.values()} for kind in kinds]
+    rows = []
+    for what in dict.fromkeys(name for kind in by_name for name in kind):
+        found = [kind.get(what) for kind in by_name]
+        rows.append([what, *([r.time, r.goal, r.speed] if r else [""] * 3 for r in found)])
+    return rows
+
+
+def node(costs: Costs, kind: str) -> str:
+    """Return the time of one more node of a large network."""
+    fewer, more = (min(costs[f"sample/{nodes} {kind}"]) for nodes in (128, 256))
+    return f"{(more - fewer) / 128:.2g} ns"
+
+
+def vectors(costs: Costs) -> dict[str, list[str]]:
+    """Return, by environment, the steps a second of all together for each size, and the reset.
+
+    What is measured on one and on two cores has two numbers.
+    """
+    columns = [*map(str, (1, *SIZES)), "reset"]
+    found: dict[str, list[str]] = {}
+    for name, times in sorted(costs.items(), key=lambda item: ("/`" not in item[0], item[0])):
+        if name.startswith("environment/"):
+            _, environment, column = name.split("/")
+            cells = found.setdefault(re.sub(", . cores?$", "", environment), [""] * len(columns))
+            cell = (ns if column == "reset" else rate)(median(times))
+            place = columns.index(column)
+            cells[place] = f"{cells[place]}; {cell}" if cells[place] else cell
+    return found
 
 
 def noise(costs: Costs, names: Sequence[str], inputs: Sequence[str]) -> dict[str, str]:
@@ -238,6 +291,17 @@ def code(name: str) -> str:
     return re.sub(r"^(Pid|PidRbf|IpidRbf|Pendulum|Source)(_fmi3)?(?=,|$)", r"`\g<0>`", name)
 
 
+def span(ratios: Iterable[Ratio]) -> str:
+    """Return the least and the greatest of some ratios, nothing if there are none."""
+    values = sorted(ratio.both[0] for ratio in ratios)
+    return " to ".join(dict.fromkeys(map(number, [*values[:1], *values[-1:]])))
+
+
+def of(kind: Ratios, fmu: str) -> list[Ratio]:
+    """Return the ratios of an FMU, in both versions of FMI."""
+    return [ratio for ratio in kind.values() if ratio.fmu.removesuffix(", FMI 3.0") == fmu]
+
+
 def number(value: float) -> str:
     """Return a ratio with three digits."""
     return f"{value:.2f}" if value < 10 else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
@@ -249,86 +313,3 @@ def ns(time: float) -> str:
         if time < 999.5 * factor:
             return f"{time / factor:.3g} {unit}"
     return f"{time / 1e9:.3g} s"
-
-
-# --- pictures: each answers the question in its title ---------------------------------------
-
-STYLES = ("PID", "PID-RBF", "IPID-RBF own", "u")
-"""Styles of the first curve, the second, ..."""
-
-
-def panel(
-    title: str, x: str, y: str, curves: Mapping[str, Mapping[float, float]], **options: bool
-) -> Panel:
-    """Return axes from 0 with curves, which map x to y, by their name."""
-    found = []
-    for (name, points), style in zip(curves.items(), STYLES, strict=False):
-        xs, ys = (np.array([*values], float) for values in (points.keys(), points.values()))
-        found.append(Curve(f"{title}/{name}", xs, ys, style, name))
-        if not options:  # twice the cores, twice the speed
-            found.append(Curve(f"{title}/{name}/ideal", xs, xs * ys[0] / xs[0], "limit", "ideal"))
-    highest = max(max(one.y) for one in found)
-    ylim = None if "log_y" in options else (0.0, 1.1 * highest)
-    return Panel(title, y, found, x, ylim=ylim, **options)
-
-
-def points(costs: Costs, prefix: str, of: Callable[[list[float]], float]) -> dict[float, float]:
-    """Summarize the costs whose names are a prefix and a number."""
-    ends = [name.removeprefix(prefix) for name in costs if name.startswith(prefix)]
-    return {float(n): of(costs[f"{prefix}{n}"]) for n in ends if n.isdecimal()}
-
-
-def pictures(costs: Costs) -> list[Figure]:
-    """Return all pictures."""
-    log, cycle = {"log_x": True}, "time per cycle from C [ns]"
-    many = {name: points(costs, f"instances/{name}/", min) for name in SEVERAL}
-    threads = {name: points(costs, f"threads/{name}/", per_second(1e6)) for name in SEVERAL[1:]}
-    loops = {"sweep": points(costs, "sweep/", per_second(1))}
-
-    def both(prefix: str, unit: float = 1.0) -> dict[str, dict[float, float]]:
-        kinds = {"median": median, "minimum": min}
-        return {
-            name: points(costs, prefix, lambda rounds, of=of: of(rounds) / unit)
-            for name, of in kinds.items()
-        }
-
-    million, run = "million cycles a second, from C", "time of a run of one step [ms]"
-    step, pair = "time per FMU and step [ns]", "time per step of the coupled pair [ns]"
-    found = {
-        "instances": [
-            panel("What do many instances cost?", "instances, stepped in turn", cycle, many, **log)
-        ],
-        "cores": [
-            panel("What do more cores bring?", "threads, each with an instance", million, threads),
-            panel("", "processes", "loops of 2000 steps a second", loops),
-        ],
-        "length": [
-            panel("What does a long run cost?", "steps of the run", pair, both("length/"), **log)
-        ],
-        "systems": [
-            panel("What does a large system cost?", "FMUs", step, both("step/"), **log),
-            panel("", "FMUs", run, both("load/", 1e6), **log),
-        ],
-    }
-    if "loading/open" in costs:
-        labels = {"changing set-point": "changing", "constant set-point": "constant"}
-        each = {label: dict(node_costs(costs, kind)) for label, kind in labels.items()}
-        per_node = {label: {n: c / n for n, c in ns.items()} for label, ns in each.items()}
-        title, sample = "What does a larger network cost?", "time per sample in process [ns]"
-        found["nodes"] = [
-            panel(title, "nodes", sample, each, log_x=True, log_y=True),
-            panel("", "nodes", "time per sample and node [ns]", per_node, **log),
-        ]
-    return [
-        Figure(f"speed-{name}", panels[0].title, "", [panels]) for name, panels in found.items()
-    ]
-
-
-def per_second(unit: float) -> Callable[[list[float]], float]:
-    """Return a function of costs that returns how many there are in a second, in some unit."""
-    return lambda rounds: 1e9 / unit / median(rounds)
-
-
-def draw(results: Mapping, folder: Path) -> list[Path]:
-    """Draw all pictures; return their files."""
-    return [printed.write(figure, folder, ["svg"])[0] for figure in pictures(results["costs"])]

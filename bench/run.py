@@ -1,20 +1,19 @@
 """Measure the speed of the FMUs and the native master, for docs/speed.md.
 
-`make bench` measures; `make bench PUBLISH=1` also updates the page and its pictures. Every
-comparison is a ratio of measurements that alternate in one run on one machine. The results go to
-target/bench: results.json, speed.md and the pictures.
+`make bench` measures; `make bench PUBLISH=1` also updates the page. Every comparison is a ratio of
+measurements that alternate in one run on one machine. The results go to target/bench: results.json
+and speed.md.
 """
 
 import argparse
 import json
-import shutil
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import engines
 from measure import Bench
-from page import EARLIER, draw, earlier, last_before, published, render, worse
+from page import EARLIER, earlier, last_before, published, render, worse
 from pendulum_fmus.project import ROOT
 
 PAGE = ROOT / "docs" / "speed.md"
@@ -29,7 +28,7 @@ def main() -> None:
         help="few rounds, with the program of `make fmus`, to check that everything works")
     kind.add_argument("--redraw", action="store_true", help="use the last measurements")
     parser.add_argument("--publish", type=Path, nargs="?", const=PAGE, metavar="PAGE",
-        help="write the page and its pictures, by default docs/speed.md")
+        help="write the page, by default docs/speed.md")
     parser.add_argument("--out", type=Path, default=ROOT / "target" / "bench",
         help="folder of the results")
     # fmt: on
@@ -45,7 +44,7 @@ def main() -> None:
             results["wasm"] = engines.measure(Path(folder), quick=options.quick)
         file.write_text(json.dumps(results, indent=1), encoding="utf-8")
     results = json.loads(file.read_text(encoding="utf-8"))
-    text, pictures, now = render(results), draw(results, out), published(results)
+    text, now = render(results), published(results)
     (out / "speed.md").write_text(text, encoding="utf-8")
     print(*(line for line in text.splitlines() if line.startswith("|")), sep="\n")
     for line in worse(now, last_before(now)):
@@ -55,9 +54,6 @@ def main() -> None:
         if options.publish == PAGE and now != earlier()[-1]:
             with EARLIER.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(now) + "\n")
-        for picture in pictures:
-            if picture.parent != options.publish.parent.resolve():
-                shutil.copy(picture, options.publish.parent)
 
 
 if __name__ == "__main__":
