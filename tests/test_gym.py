@@ -195,6 +195,31 @@ def test_arrays_and_texts_are_no_actions(echo):
     env.close()
 
 
+def test_structural_parameters_are_start_values_of_all_environments(tmp_path):
+    fmu = in_c(tmp_path / "Vector.fmu")
+    given = {
+        "actions": {"u": (-1.0, 1.0)},
+        "observations": {"w[3]": (0.0, 100.0)},
+        "reward": lambda observations, actions: observations[..., 0],
+        "step_size": 0.5,
+        "stop_time": 1.0,
+    }
+    largest = {**given, "observations": {"w[5]": (0.0, 100.0)}}
+    env = FmuEnv(fmu, **largest, start=lambda random: {"n": 5})
+    for options, expected in (({"n": 6}, 5.0), ({}, 5.0), ({"c": [0, 0, 0, 0, 4.0]}, 4.0)):
+        env.reset(options=options)
+        env.step([0.0])
+        assert env.step([0.0])[0] == expected
+    env.close()
+    sizes = iter([4, 4, 4, 5])
+    vector = FmuVectorEnv(fmu, 2, **given, start=lambda random: {"n": next(sizes)})
+    vector.reset()
+    np.testing.assert_array_equal(vector.step([[0.0], [0.0]])[0], [[1.5], [1.5]])
+    with pytest.raises(FmuError, match="n: structural parameters, expected the same in all env"):
+        vector.reset()
+    vector.close()
+
+
 # --- vectors --------------------------------------------------------------------------------------
 
 
