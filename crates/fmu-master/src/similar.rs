@@ -9,7 +9,8 @@ use anyhow::{Error, anyhow};
 pub(crate) fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let known = Vec::from_iter(known);
     let found = similar_in_case(name, known.iter().map(|known| (*known, *known)));
-    if !found.is_empty() {
+    // A letter in another case is another variable, such as M and m.
+    if !found.is_empty() || name.chars().count() < 2 {
         return found;
     }
     let (lower, name) = (known.iter().map(|known| known.to_lowercase()), name.to_lowercase());
@@ -80,6 +81,7 @@ mod tests {
         assert_eq!(meant("kp"), ["pid.kp"]);
         assert_eq!(meant("Limits"), ["limit"]);
         assert!(meant("speed").is_empty());
+        assert!(similar("M", ["m"].into_iter()).is_empty());
     }
 
     #[test]
