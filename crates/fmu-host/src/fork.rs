@@ -2,38 +2,31 @@
 
 #[cfg(target_os = "linux")]
 use std::ffi::{c_int, c_void};
-use std::io;
 use std::mem::ManuallyDrop;
 use std::ops::{Deref, DerefMut};
+use std::process;
+use std::sync::LazyLock;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use memmap2::MmapMut;
 
-/// Tells the process that made the guard from its forks, without a system call where memory can be zero in a forked
-/// process.
-#[derive(Debug)]
-pub struct ForkGuard {
-    page: Option<MmapMut>,
-    process: u32,
-}
-
-impl ForkGuard {
-    /// The guard of this process.
-    ///
-    /// # Errors
-    /// There is no memory left.
-    pub fn new() -> io::Result<Self> {
-        let mut page = MmapMut::map_anon(1)?;
-        page[0] = 1;
-        Ok(Self { page: is_wiped_by_fork(&page).then_some(page), process: std::process::id() })
-    }
-
-    /// Whether this process has made the guard.
-    #[inline]
-    pub fn is_this_process(&self) -> bool {
-        match &self.page {
-            Some(page) => page[0] == 1,
-            None => std::process::id() == self.process,
+/// The number of this process, without a system call where memory can be zero in a forked process.
+#[inline]
+pub fn this_process() -> u32 {
+    /// A page with the number, which a fork finds zero; none where memory cannot be so.
+    static PAGE: LazyLock<Option<MmapMut>> = LazyLock::new(|| {
+        let page = MmapMut::map_anon(size_of::<AtomicU32>()).ok()?;
+        is_wiped_by_fork(&page).then_some(page)
+    });
+    let Some(page) = &*PAGE else { return process::id() };
+    // SAFETY: the page is aligned, large enough, never unmapped, and only accessed here, as an atomic number.
+    let number = unsafe { &*page.as_ptr().cast::<AtomicU32>() };
+    match number.load(Relaxed) {
+        0 => {
+            number.store(process::id(), Relaxed);
+            process::id()
         }
+        known => known,
     }
 }
 
@@ -48,12 +41,13 @@ pub struct ProcessOwned<T> {
 impl<T> ProcessOwned<T> {
     /// A value of this process.
     pub fn new(value: T) -> Self {
-        Self { value: ManuallyDrop::new(value), process: std::process::id() }
+        Self { value: ManuallyDrop::new(value), process: this_process() }
     }
 
     /// Whether this process has made the value.
+    #[inline]
     pub fn is_of_this_process(&self) -> bool {
-        std::process::id() == self.process
+        this_process() == self.process
     }
 }
 

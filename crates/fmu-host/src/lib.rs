@@ -29,7 +29,7 @@ mod types;
 
 pub use access::operation;
 pub use fmi_abi::{FmiVersion, InterfaceType, fmi2, fmi3};
-pub use fork::{ForkGuard, ProcessOwned};
+pub use fork::{ProcessOwned, this_process};
 pub use function_instance::StepFunction;
 pub use instance::{Instance, Number, allocations};
 pub use library::{Library, LoadError};

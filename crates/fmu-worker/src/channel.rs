@@ -1,9 +1,13 @@
 //! Messages between supervisor and worker, in memory that both processes share. Nothing that a foreign function prints
 //! gets in between, and a message that was sent before a crash arrives.
 
+use std::hint::spin_loop;
 use std::io;
+use std::num::NonZeroUsize;
 use std::path::Path;
+use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
+use std::thread;
 
 use fmu_host::SharedMemory;
 use serde::Deserialize;
@@ -104,6 +108,21 @@ pub(crate) struct Receiver {
 impl Receiver {
     pub(crate) fn new(memory: SharedMemory) -> Self {
         Self { memory, length: None, message: Vec::new() }
+    }
+
+    /// Looks for a message for a few microseconds, in which most calls of FMUs return, unless there is only one processor.
+    /// Returns whether one has begun to arrive.
+    pub(crate) fn spin(&self) -> bool {
+        static LOOKS: LazyLock<usize> = LazyLock::new(|| {
+            let processors = thread::available_parallelism().map_or(1, NonZeroUsize::get);
+            if processors > 1 { 100 } else { 1 }
+        });
+        let counters = self.memory.words();
+        let received = counters[RECEIVED].load(Relaxed);
+        (0..*LOOKS).any(|_| {
+            spin_loop();
+            counters[SENT].load(Acquire) != received
+        })
     }
 
     /// Receives the next message, if all of it has been sent.

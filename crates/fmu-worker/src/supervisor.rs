@@ -205,7 +205,8 @@ impl Worker {
                 matches!(process.child.try_wait(), Ok(None))
             });
         }
-        (self.sent, self.active) = (Instant::now(), Instant::now());
+        self.sent = Instant::now();
+        self.active = self.sent;
     }
 
     /// What the worker has done since the last poll, if anything; the worker is killed if it exceeds a limit. Now and
@@ -244,11 +245,14 @@ impl Worker {
     }
 
     /// Waits a moment before the next poll, longer if the worker has not done anything for a while. Just after a task,
-    /// this only lets other threads run, as the reply to a small task takes less than a sleep.
+    /// this only looks for a reply and lets other threads run, as the reply to a small task takes less than a sleep.
     pub fn pause(&self) {
         let [shortest, longest] = PAUSES;
         if self.sent.elapsed() < SOON {
-            return thread::yield_now();
+            if !self.replies.spin() {
+                thread::yield_now();
+            }
+            return;
         }
         thread::sleep((self.active.elapsed() / 8).clamp(shortest, longest));
     }

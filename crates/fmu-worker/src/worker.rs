@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use fmu_host::ForkGuard;
+use fmu_host::this_process;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -20,7 +20,7 @@ use crate::record::Record;
 pub struct Service {
     folder: PathBuf,
     record: Record,
-    fork_guard: ForkGuard,
+    process: u32,
     tasks: Receiver,
     replies: Sender,
     /// The bytes of the last reply, so that a reply allocates nothing if it is not longer.
@@ -60,7 +60,7 @@ impl Service {
         Ok(Self {
             folder: folder.to_owned(),
             record: Record::open(&folder.join(RECORD))?,
-            fork_guard: ForkGuard::new()?,
+            process: this_process(),
             tasks: Receiver::new(channel::open(&folder.join(TASKS), WORDS)?),
             replies: Sender::new(channel::open(&folder.join(REPLIES), WORDS)?),
             buffer: Vec::new(),
@@ -79,7 +79,11 @@ impl Service {
     pub fn task<T: DeserializeOwned>(&mut self) -> io::Result<Option<T>> {
         let begin = Instant::now();
         while !self.tasks.receive() {
-            if begin.elapsed() < PERIOD { thread::yield_now() } else { thread::sleep(PERIOD) }
+            match begin.elapsed() < PERIOD {
+                true if self.tasks.spin() => {}
+                true => thread::yield_now(),
+                false => thread::sleep(PERIOD),
+            }
         }
         decode(&self.tasks.message)
     }
@@ -90,7 +94,7 @@ impl Service {
     /// # Panics
     /// The reply cannot be serialized.
     pub fn reply<T: Serialize>(&mut self, reply: &T) {
-        if !self.fork_guard.is_this_process() {
+        if self.process != this_process() {
             self.end_second_process();
         }
         self.buffer.clear();
