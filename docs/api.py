@@ -49,7 +49,15 @@ def kinds(of: griffe.Object) -> set[str]:
 
 
 def members(of: griffe.Class) -> Iterator[tuple[str, griffe.Docstring | None]]:
-    """Yield the public members of a class and their docstrings, fields without one together."""
+    """Yield the public members of a class and their docstrings, fields without one together.
+
+    Those of a native base class come first; the last overload of a function has its docstring.
+    """
+    for base in of.resolved_bases:
+        if base.module.name == "_native":
+            for overloads in filter(None, base.overloads.values()):
+                yield "\n".join(map(signature, overloads)), overloads[-1].docstring
+            yield from members(base)
     fields = []
     is_record = "dataclass" in of.labels or "__init__" not in of.members
     has_fields = is_record and "attributes" not in kinds(of)

@@ -220,3 +220,110 @@ def test_whole_numbers_of_64_bits_keep_all_digits_in_an_instance(echo, in_proces
         for wrong in (-1, 2**64, 1.5):
             with pytest.raises(FmuError, match=rf"w = .*; expected .* from 0 to {LARGEST}"):
                 instance.set("w", wrong)
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_an_array_has_the_shape_of_its_variable(echo, in_process):
+    matrix = np.arange(6.0).reshape(2, 3)
+    with Instance(echo, start_values={"A": matrix}, in_process=in_process) as instance:
+        np.testing.assert_array_equal(instance.get("yA"), matrix)
+        for _ in range(3):  # also with the reply to a step
+            instance.set({"A": matrix + 1, "ws": [1, 2]})
+            instance.step(0.5)
+            np.testing.assert_array_equal(instance.get("yA"), matrix + 1)
+            assert instance.get("yws").tolist() == [1, 2]
+            assert instance.get(["yA[1,2]", "yA"]).tolist() == [2, 1, 2, 3, 4, 5, 6]
+            assert instance.get_list(["yA[2,1]", "yw"]) == [4.0, 0]
+    controller = "target/fmu/PidRbf_fmi3.fmu"
+    start = {"rbf.nodes": 1, "rbf.c": [0.5], "rbf.b": [0.5], "rbf.w0": [0.0]}
+    with Instance(controller, start_values=start, in_process=in_process) as single:
+        assert single.get("rbf.c").tolist() == [0.5]
+        single.reset({"rbf.nodes": 1, "rbf.c": [0.25]})
+        assert single.get("rbf.c").tolist() == [0.25]
+        with pytest.raises(FmuError, match=r"rbf\.nodes is a structural parameter, expected in"):
+            single.reset({"rbf.nodes": 2})
+
+
+REFUSED = [
+    (PENDULUM, "u", "1", r"u = \"1\" is invalid; expected a number .*N\]"),
+    (PENDULUM, "u", True, r"u = true is invalid; expected a number"),
+    (PENDULUM, "u", np.bool_(True), r"u = true is invalid; expected a number"),
+    (PENDULUM, "u", None, r"u(: None is not| = None is invalid; expected) a number"),
+    (PENDULUM, "u", 1j, r"u(: 1j is not| = 1j is invalid; expected) a number"),
+    (PENDULUM, "u", [1.0], r"u = \[1\.0\] is invalid; expected a number"),
+    ("Echo", "w", "1", r"w = \"1\" is invalid; expected a whole number from 0"),
+    ("Echo", "w", 1.0, r"w = 1\.0 is invalid; expected a whole number from 0"),
+    ("Echo", "w", True, r"w = true is invalid; expected a whole number from 0"),
+    ("Echo", "ws", ["1", "2"], r"ws\[1\] = \"1\" is invalid; expected a whole number from 0"),
+    ("Echo", "ws", "[1, 2]", r"ws = \[.*\]: values: 1, expected 2"),
+    (
+        "target/fmu/PidRbf.fmu",
+        "previous_sample_terms",
+        1,
+        r"= 1 is invalid; expected true or false",
+    ),
+    (
+        "target/fmu/PidRbf.fmu",
+        "previous_sample_terms",
+        "true",
+        r"\"true\" is invalid; expected true",
+    ),
+]
+"""FMUs, variables and values that Python must not confuse, and what is said of them."""
+
+
+@pytest.mark.parametrize(("fmu", "name", "value", "message"), REFUSED)
+def test_a_value_of_another_type_is_refused(fmus, echo, fmu, name, value, message):
+    fmu = echo if fmu == "Echo" else fmu
+    with pytest.raises((FmuError, TypeError), match=message):
+        Instance(fmu, start_values={name: value}, in_process=True)
+    with Instance(fmu, in_process=True) as instance:
+        for change in (
+            lambda: instance.set(name, value),
+            lambda: instance.reset({name: value}),
+            lambda: [instance.initialize(), instance.set({name: value})],
+        ):
+            with pytest.raises(FmuError, match=message):
+                change()
+
+
+def test_numbers_of_numpy_and_whole_numbers_are_set(plant):
+    for value in (1, 1.0, np.float64(1), np.float32(1), np.int32(1), np.array(1.0), np.uint8(1)):
+        plant.set("u", 0.0)
+        plant.set("u", value)
+        assert plant.get("u") == 1.0
+        plant.initialize()
+
+
+def test_a_loop_in_a_child_has_the_values_of_one_in_this_process(fmus):
+    """Values that were got after a step come with the next one, unless something was set since."""
+    rows = []
+    for in_process in (False, True):
+        with Instance(PENDULUM, start_values={"theta0": 0.1}, in_process=in_process) as plant:
+            rows.append([])
+            for step in range(30):
+                plant.set("u", 0.1 * step)
+                if step % 7 == 3:
+                    rows[-1].append(plant.get("u"))
+                if step % 5:
+                    plant.step(0.01)
+                names = ["theta", "omega"][step % 3 :]
+                rows[-1] += [plant.time, plant.get("theta"), *plant.get([*names, "u"])]
+                if step == 20:
+                    state = plant.save()
+            plant.restore(state)
+            rows[-1] += [plant.time, *plant.get(["theta", "omega", "u"])]
+    assert rows[0] == rows[1]
+
+
+def test_a_value_that_the_fmu_refuses_is_an_error_of_the_call_that_sends_it(fmus):
+    controller = "target/fmu/PidRbf.fmu"
+    with Instance(controller, "co-simulation") as instance:
+        instance.step(0.001)
+        low = next(
+            v
+            for v in instance.variables.values()
+            if v.min is not None and v.variability == "tunable"
+        )
+        with pytest.raises(FmuError, match=rf"{low.name}.* returned fmi2"):
+            instance.set(low.name, low.min - 1.0)

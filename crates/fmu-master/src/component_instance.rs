@@ -150,7 +150,11 @@ impl<'a> ComponentInstance<'a> {
     /// Handles a warning or an error of a call.
     #[cold]
     #[inline(never)]
-    fn check(&mut self, outcome: fmu_host::Result, what: impl FnOnce() -> String) -> CallResult {
+    pub(crate) fn check(
+        &mut self,
+        outcome: fmu_host::Result,
+        what: impl FnOnce() -> String,
+    ) -> CallResult {
         let failure = match outcome {
             Ok(Success::Ok) => return Ok(()),
             Ok(Success::Warning(function)) => {

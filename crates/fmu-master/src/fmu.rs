@@ -211,6 +211,11 @@ impl Fmu {
         Ok(self.settable.get(&scalar).copied().unwrap_or(scalar))
     }
 
+    /// The indices of the elements of the array of this name, if there is one.
+    pub(crate) fn array_of(&self, name: &str) -> Option<Range<usize>> {
+        self.arrays.get(name).cloned()
+    }
+
     /// The indices of a scalar, or of all elements of an array.
     ///
     /// # Errors

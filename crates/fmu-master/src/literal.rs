@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, anyhow, ensure};
 use fmu_description::{Type, Value, Variable};
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -191,22 +191,26 @@ impl Literal {
             (kind, Self::Text(text)) => text.parse().ok().and_then(|n| Value::whole(kind, n)),
             _ => None,
         };
-        typed.with_context(|| {
-            let expected = match variable.of_type {
-                Type::Int32 => "a 32-bit integer".into(),
-                Type::String => "a quoted string without null bytes".into(),
-                Type::Binary => "nothing, as a Binary cannot be set".into(),
-                Type::Enumeration => expected_item(variable, self.text()),
-                _ => variable.expected(),
-            };
-            match (variable.of_type, self) {
-                // As a name of an item would be shown.
-                (Type::Enumeration, Self::Integer(_) | Self::Real(_)) => {
-                    format!("{name} = \"{self}\" is invalid; expected {expected}")
-                }
-                _ => format!("{name} = {self} is invalid; expected {expected}"),
+        typed.ok_or_else(|| self.refusal(variable, name))
+    }
+
+    /// As [`Literal::typed`], of a value that says by itself whether it is a text: a text is no number.
+    pub(crate) fn typed_strictly(&self, variable: &Variable, name: &str) -> Result<Value> {
+        let takes_text = matches!(variable.of_type, Type::String | Type::Enumeration);
+        match self {
+            Self::Text(_) if !takes_text => Err(self.refusal(variable, name)),
+            _ => self.typed(variable, name),
+        }
+    }
+
+    fn refusal(&self, variable: &Variable, name: &str) -> Error {
+        match (variable.of_type, self) {
+            // As a name of an item would be shown.
+            (Type::Enumeration, Self::Integer(_) | Self::Real(_)) => {
+                refusal(variable, name, &format!("\"{self}\""), "")
             }
-        })
+            _ => refusal(variable, name, &self.to_string(), self.text()),
+        }
     }
 
     /// The text, if it is one.
@@ -222,6 +226,18 @@ impl Literal {
             Self::Boolean(_) | Self::Array(_) => None,
         }
     }
+}
+
+/// The error of a value, shown in this way, that does not fit the type of a variable. A text may mean an item.
+pub(crate) fn refusal(variable: &Variable, name: &str, shown: &str, text: &str) -> Error {
+    let expected = match variable.of_type {
+        Type::Int32 => "a 32-bit integer".into(),
+        Type::String => "a quoted string without null bytes".into(),
+        Type::Binary => "nothing, as a Binary cannot be set".into(),
+        Type::Enumeration => expected_item(variable, text),
+        _ => variable.expected(),
+    };
+    anyhow!("{name} = {shown} is invalid; expected {expected}")
 }
 
 /// What is expected of an Enumeration instead of a text, with the items that may be meant.

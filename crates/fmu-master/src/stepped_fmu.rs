@@ -1,14 +1,14 @@
-//! One FMU that its user steps by hand: in this process, or on the worker side, where [`serve`] receives each request.
+//! One FMU that its user steps by hand: in this process, or on the worker side, where [`serve`] receives the requests.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{Causality, Value, Variability, Variable};
-use fmu_host::{FmuState, Instance, InterfaceType};
-use fmu_worker::{Record, Service};
+use fmu_description::{Causality, Type, Value, Variability, Variable};
+use fmu_host::{FmuState, Instance, InterfaceType, Success};
+use fmu_worker::{Function, Record, Service};
 use serde::{Deserialize, Serialize};
 
 use crate::access_list::{AccessList, accessor};
@@ -16,8 +16,9 @@ use crate::component_instance::{CallResult, ComponentInstance};
 use crate::components::LoadedComponent;
 use crate::cycle::Cycle;
 use crate::integrator::Integrator;
-use crate::start::{ComponentStarts, scalar_literals};
-use crate::{Compilation, Description, Literal, Messages, Plan, RunError};
+use crate::literal::refusal;
+use crate::start::{ComponentStarts, ScalarLiteral, scalar_literals};
+use crate::{Compilation, Description, Fmu, Literal, Messages, Plan, RunError};
 
 /// Which FMU to step, and how.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -80,6 +81,15 @@ pub enum Response {
     Saved(u64),
 }
 
+/// The reply to a list of requests, which are fulfilled in their order.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Reply {
+    /// The responses to the requests that were fulfilled.
+    pub responses: Vec<Response>,
+    /// Why the request after them was not fulfilled. Those that follow it are left out.
+    pub failure: Option<Box<RunError>>,
+}
+
 /// The variables of an FMU. It is read, but not loaded.
 pub struct Names(LoadedComponent);
 
@@ -125,6 +135,14 @@ impl Names {
         (self.0.name.clone(), self.0.fmu.file_name())
     }
 
+    /// The scalar of this name, if it is a Float64 and no element of an array. Such variables are got and set by one
+    /// call without a list.
+    #[inline]
+    pub fn float64(&self, name: &str) -> Option<usize> {
+        let fmu = &self.0.fmu;
+        fmu.get_scalar(name).filter(|scalar| float64_reference(fmu, *scalar).is_some())
+    }
+
     /// Its variables.
     pub fn variables(&self) -> &[Variable] {
         &self.0.fmu.variables
@@ -148,21 +166,73 @@ impl Names {
         self.0.fmu.scalars_of(name)
     }
 
-    /// The values of a scalar, or of all elements of an array, in their types.
+    /// The shape of the array of this name; `None` if there is no such array.
+    pub fn shape(&self, name: &str) -> Option<&[usize]> {
+        let elements = self.0.fmu.array_of(name)?;
+        Some(&self.0.fmu.variable(elements.start).dimensions)
+    }
+
+    /// The values of a scalar, or of all elements of an array, in their types. A text is no number, as the value comes
+    /// from a language that has both.
     ///
     /// # Errors
     /// There is no such variable, or the value does not fit.
-    pub fn typed(&self, name: &str, value: Literal) -> Result<Vec<(usize, Value)>> {
+    pub fn typed(&self, name: &str, value: &Literal) -> Result<Vec<(usize, Value)>> {
         let fmu = &self.0.fmu;
         // The usual case.
         if let Some(scalar) = fmu.get_scalar(name) {
-            return Ok(vec![(scalar, value.typed(fmu.variable(scalar), name)?)]);
+            return Ok(vec![(scalar, value.typed_strictly(fmu.variable(scalar), name)?)]);
         }
-        let value = if value.is_array() { value } else { Literal::Array(vec![value]) };
-        let literals = scalar_literals(fmu, name, name, &value)?.into_iter();
-        literals.map(|literal| Ok((literal.scalar, literal.value(fmu)?))).collect()
+        let list;
+        let value = match value {
+            Literal::Array(_) => value,
+            single => {
+                list = Literal::Array(vec![single.clone()]);
+                &list
+            }
+        };
+        let literals = scalar_literals(fmu, name, name, value)?.into_iter();
+        let typed = literals.map(|ScalarLiteral { scalar, name, literal }| {
+            Ok((scalar, literal.typed_strictly(fmu.variable(scalar), &name)?))
+        });
+        typed.collect()
+    }
+
+    /// Whether the FMU, by its description, accepts this value of a scalar at any time between steps.
+    pub fn is_accepted(&self, scalar: usize, value: &Value) -> bool {
+        let Variable { causality, variability, min, max, .. } = self.variable(scalar);
+        let is_settable = *causality == Causality::Input || *variability == Variability::Tunable;
+        is_settable
+            && min.as_ref().is_none_or(|min| value >= min)
+            && max.as_ref().is_none_or(|max| value <= max)
+    }
+
+    /// The error of a value, shown in this way, whose type no variable has.
+    ///
+    /// # Errors
+    /// There is no such variable.
+    pub fn refusal(&self, name: &str, shown: &str) -> Result<anyhow::Error> {
+        let variable = self.variable(self.find(name)?.start);
+        Ok(refusal(variable, name, shown, ""))
     }
 }
+
+/// The value reference of a scalar, if it is a Float64 and no element of an array.
+#[inline]
+fn float64_reference(fmu: &Fmu, scalar: usize) -> Option<u32> {
+    let Variable { of_type, reference, dimensions, .. } = fmu.variable(scalar);
+    (*of_type == Type::Float64 && dimensions.is_empty()).then_some(*reference)
+}
+
+/// Scalars of one type that follow each other in a list, and the function that gets them.
+struct Reading {
+    kind: Type,
+    get: Option<Function>,
+    wired: AccessList,
+}
+
+/// The number of lists of scalars whose access is kept.
+const LISTS: usize = 64;
 
 /// A saved state, and that of the integration.
 struct Saved {
@@ -183,6 +253,11 @@ pub struct SteppedFmu {
     is_sound: bool,
     saved: BTreeMap<u64, Saved>,
     next: u64,
+    /// The functions that get and set a Float64, which are found by their names.
+    get_float64: Option<Function>,
+    set_float64: Option<Function>,
+    /// How lists of scalars are got, by the lists.
+    readings: HashMap<Vec<usize>, Vec<Reading>>,
 }
 
 impl SteppedFmu {
@@ -205,6 +280,9 @@ impl SteppedFmu {
         let starts = ComponentStarts::default();
         Ok(Self {
             component: ComponentInstance::new(number, &planned, &[], &starts, &messages)?,
+            get_float64: accessor("get", planned.fmu.version, Type::Float64),
+            set_float64: accessor("set", planned.fmu.version, Type::Float64),
+            readings: HashMap::new(),
             planned,
             messages,
             start,
@@ -226,6 +304,90 @@ impl SteppedFmu {
         response
     }
 
+    /// Whether it is initialized.
+    pub fn runs(&self) -> bool {
+        self.runs
+    }
+
+    /// Steps by a time (s), and returns the time that it has reached (s).
+    ///
+    /// # Errors
+    /// The FMU returns an error.
+    #[inline]
+    pub fn step(&mut self, step: f64) -> Result<f64> {
+        let stepped = self.try_to_step(step);
+        self.is_sound &= stepped.is_ok();
+        stepped?;
+        Ok(self.time)
+    }
+
+    /// Gets the scalar that [`Names::float64`] has found.
+    ///
+    /// # Errors
+    /// The FMU returns an error.
+    #[inline]
+    pub fn get_float64(&mut self, scalar: usize) -> Result<f64> {
+        let Some(reference) = self.float64_reference(scalar) else {
+            bail!("{} is not a scalar of type Float64", self.planned.fmu.name(scalar))
+        };
+        self.component.recorded.calls.begin(self.get_float64);
+        let mut value = [0.0];
+        match self.component.recorded.instance.get_float64(&[reference], &mut value) {
+            Ok(Success::Ok) => Ok(value[0]),
+            outcome => {
+                let name = self.planned.fmu.name(scalar);
+                let checked = self.component.check(outcome, || name);
+                self.is_sound &= checked.is_ok();
+                self.with_time(checked)?;
+                Ok(value[0])
+            }
+        }
+    }
+
+    /// Sets the scalar that [`Names::float64`] has found.
+    ///
+    /// # Errors
+    /// The FMU returns an error.
+    #[inline]
+    pub fn set_float64(&mut self, scalar: usize, value: f64) -> Result<()> {
+        let reference = self.float64_reference(scalar);
+        let (Some(reference), None) = (reference, &self.component.integrator) else {
+            return self.fulfil(&Request::Set(vec![(scalar, Value::Float64(value))])).map(drop);
+        };
+        self.component.recorded.calls.begin(self.set_float64);
+        match self.component.recorded.instance.set_float64(&[reference], &[value]) {
+            Ok(Success::Ok) => Ok(()),
+            outcome => {
+                let what = format!("{} = {}", self.planned.fmu.name(scalar), Value::Float64(value));
+                let checked = self.component.check(outcome, || what);
+                self.is_sound &= checked.is_ok();
+                self.with_time(checked)
+            }
+        }
+    }
+
+    /// [`float64_reference`] of an FMU that is initialized.
+    #[inline]
+    fn float64_reference(&self, scalar: usize) -> Option<u32> {
+        float64_reference(&self.planned.fmu, scalar).filter(|_| self.runs)
+    }
+
+    fn try_to_step(&mut self, step: f64) -> Result<()> {
+        ensure!(self.runs, "{} is not initialized", self.planned.name);
+        let is_usable = step > 0.0 && step.is_finite();
+        // In co-simulation, the FMU decides.
+        ensure!(
+            is_usable || self.component.integrator.is_none(),
+            "step = {step:?} s is invalid, expected a positive number"
+        );
+        self.messages.record().step(step);
+        let stepped = self.component.step::<false>(self.time, step);
+        self.with_time(stepped)?;
+        self.time += step;
+        self.messages.record().at(self.time);
+        Ok(())
+    }
+
     fn try_to_fulfil(&mut self, request: &Request) -> Result<Response> {
         let needs_run = !matches!(
             request,
@@ -239,16 +401,7 @@ impl SteppedFmu {
                 let called = self.initialize(starts);
                 self.with_time(called)?;
             }
-            Request::Step(step) => {
-                let is_usable = *step > 0.0 && step.is_finite();
-                // In co-simulation, the FMU decides.
-                ensure!(
-                    is_usable || self.component.integrator.is_none(),
-                    "step = {step:?} s is invalid, expected a positive number"
-                );
-                let called = self.step(*step);
-                self.with_time(called)?;
-            }
+            Request::Step(step) => self.try_to_step(*step)?,
             Request::Get(scalars) => return self.get(scalars).map(Response::Values),
             Request::Set(values) => self.set(values)?,
             Request::Save => return self.save().map(Response::Saved),
@@ -317,14 +470,6 @@ impl SteppedFmu {
         Ok(())
     }
 
-    fn step(&mut self, step: f64) -> CallResult {
-        self.messages.record().step(step);
-        self.component.step::<false>(self.time, step)?;
-        self.time += step;
-        self.messages.record().at(self.time);
-        Ok(())
-    }
-
     /// Says which variables [`SteppedFmu::perform`] sets and gets.
     pub(crate) fn prepare(&mut self, cycle: &Cycle) {
         self.component.prepare(cycle);
@@ -348,14 +493,30 @@ impl SteppedFmu {
     }
 
     fn get(&mut self, scalars: &[usize]) -> Result<Vec<Value>> {
-        let fmu = self.planned.fmu.clone();
+        if let [scalar] = *scalars
+            && self.float64_reference(scalar).is_some()
+        {
+            return Ok(vec![Value::Float64(self.get_float64(scalar)?)]);
+        }
+        let fmu = &self.planned.fmu;
+        if !self.readings.contains_key(scalars) {
+            if self.readings.len() == LISTS {
+                self.readings.clear();
+            }
+            let same = scalars.chunk_by(|a, b| fmu.access_type(*a) == fmu.access_type(*b));
+            let readings = same.map(|same| {
+                let kind = fmu.access_type(same[0]);
+                let get = accessor("get", fmu.version, kind);
+                Reading { kind, get, wired: AccessList::new(fmu, same.iter().copied()) }
+            });
+            self.readings.insert(scalars.to_vec(), readings.collect());
+        }
         let mut values = Vec::with_capacity(scalars.len());
-        for same in scalars.chunk_by(|a, b| fmu.access_type(*a) == fmu.access_type(*b)) {
-            let (kind, wired) =
-                (fmu.access_type(same[0]), AccessList::new(&fmu, same.iter().copied()));
-            let get = accessor("get", fmu.version, kind);
-            let got = self.component.get(kind, get, &wired);
-            values.extend(self.with_time(got)?);
+        for Reading { kind, get, wired } in &self.readings[scalars] {
+            match self.component.get(*kind, *get, wired) {
+                Ok(got) => values.extend(got),
+                failed => return self.with_time(failed),
+            }
         }
         Ok(values)
     }
@@ -365,6 +526,13 @@ impl SteppedFmu {
         let fmu = self.planned.fmu.clone();
         for given in values.chunk_by(|(a, _), (b, _)| fmu.array(*a) == fmu.array(*b)) {
             let scalar = given[0].0;
+            if let [(_, Value::Float64(value))] = *given
+                && self.component.integrator.is_none()
+                && self.float64_reference(scalar).is_some()
+            {
+                self.set_float64(scalar, value)?;
+                continue;
+            }
             let (variable, kind) = (fmu.variable(scalar), fmu.access_type(scalar));
             let mut array = match variable.element_count() == given.len() {
                 true => vec![Value::Boolean(false); given.len()],
@@ -489,15 +657,24 @@ pub fn serve(service: &mut Service, setup: &Setup) -> Result<()> {
     let mut fmu = match SteppedFmu::new(setup, service.record()) {
         Ok(fmu) => fmu,
         Err(error) => {
-            service.reply(&Err::<Response, _>(failed(error)));
+            service.reply(&Reply { responses: Vec::new(), failure: Some(failed(error)) });
             return Ok(());
         }
     };
-    service.reply(&Ok::<_, Box<RunError>>(Response::Time(fmu.time)));
-    while let Some(request) = service.task()? {
-        let response = fmu.fulfil(&request);
+    service.reply(&Reply { responses: vec![Response::Time(fmu.time)], failure: None });
+    while let Some(requests) = service.task::<Vec<Request>>()? {
+        let mut reply = Reply { responses: Vec::with_capacity(requests.len()), failure: None };
+        for request in &requests {
+            match fmu.fulfil(request) {
+                Ok(response) => reply.responses.push(response),
+                Err(error) => {
+                    reply.failure = Some(failed(error));
+                    break;
+                }
+            }
+        }
         fmu.messages.record().end_call();
-        service.reply(&response.map_err(failed));
+        service.reply(&reply);
     }
     Ok(())
 }

@@ -14,13 +14,11 @@ mod compare;
 mod csv;
 mod parquet;
 mod read;
-mod rows;
 
 pub use column::{Cell, Column, Format, Series};
 pub(crate) use column::{boolean, expected};
 pub use compare::{Difference, Tolerance, compare};
 pub use csv::{fields, header, parse, push_line};
 pub use parquet::{ParquetWriter, write_parquet};
-pub(crate) use read::read_texts;
-pub use read::{read, rounding, times};
-pub use rows::Rows;
+pub use read::{read, times};
+pub(crate) use read::{read_texts, rounding};

@@ -4,6 +4,7 @@
 
 mod arguments;
 mod caller;
+mod child;
 mod error;
 mod instance;
 mod run;

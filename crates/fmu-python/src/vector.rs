@@ -21,8 +21,8 @@ use pyo3::types::PyDict;
 
 use crate::arguments::{self, Starts};
 use crate::caller::{Caller, ShareThread};
+use crate::child::FAREWELL;
 use crate::error::{FmuError, error};
-use crate::instance::FAREWELL;
 use crate::run::{command, limits};
 use crate::values::literal;
 
@@ -111,7 +111,7 @@ fn scalar(names: &Names, name: &str) -> Result<usize> {
 fn typed(names: &Names, values: &Starts<'_>) -> PyResult<Vec<(usize, Value)>> {
     let mut typed = Vec::with_capacity(values.len());
     for (name, value) in values {
-        typed.extend(names.typed(name, literal(value)?).map_err(error)?);
+        typed.extend(names.typed(name, &literal(value)?).map_err(error)?);
     }
     Ok(typed)
 }

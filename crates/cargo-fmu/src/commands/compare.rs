@@ -8,8 +8,7 @@ use clap::Args;
 use fmu_description::Value;
 use fmu_master::table::{self, Cell, Tolerance};
 
-use super::files::stem;
-use crate::plot::{CompleteRun, Drawing, Page};
+use crate::plot::Page;
 use crate::ui;
 
 /// The results to compare, and how exactly.
@@ -81,12 +80,7 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
             writeln!(out, "different: {differing} of {variables}: {names}")?;
         }
     }
-    let stems = files.map(|file| stem(file));
-    let [reference_name, name] = if stems[0] == stems[1] { shown } else { stems };
-    let draw = || {
-        let reference = CompleteRun::of(reference_name, reference)?;
-        Drawing::of_runs(CompleteRun::of(name, results)?, vec![reference])
-    };
-    args.page.draw_runs("Comparison", draw, out)?;
+    let runs = Vec::from_iter(shown.into_iter().zip(files.map(PathBuf::as_path)));
+    args.page.draw_runs("Comparison", &runs, out)?;
     Ok(differences.is_empty())
 }

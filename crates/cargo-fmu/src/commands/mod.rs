@@ -10,7 +10,6 @@ pub mod info;
 mod limits;
 pub mod merge;
 pub mod new;
-mod over;
 pub mod run;
 pub mod simulate;
 pub mod ssp;

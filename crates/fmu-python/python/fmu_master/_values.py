@@ -84,6 +84,11 @@ def array(values: Any) -> np.ndarray:
     return found if is_exact else np.array(values, object)
 
 
+def floats(values: bytearray) -> np.ndarray:
+    """Return numbers of the type Float64 as an array."""
+    return np.frombuffer(values)
+
+
 def named(values: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return start values by name."""
     if values is None:

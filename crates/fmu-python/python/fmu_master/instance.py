@@ -13,7 +13,7 @@ import numpy as np
 from . import _native
 from ._command import COMMAND
 from ._names import suggests
-from ._values import array, named, plain_starts
+from ._values import plain_starts
 from .result import FmuError
 
 
@@ -38,8 +38,8 @@ class Variable(NamedTuple):
 class State:
     """A saved state of an instance; see `Instance.save`."""
 
-    def __init__(self, native: _native.Instance, number: int, time: float):
-        self._native, self._number = native, number
+    def __init__(self, instance: Instance, number: int, time: float):
+        self._instance, self._number = instance, number
         self.time: float = time
         """The time of the state [s]."""
 
@@ -47,10 +47,10 @@ class State:
         return f"<State: t = {self.time:g} s>"
 
     def __del__(self) -> None:
-        self._native.forget(self._number)
+        self._instance._forget(self._number)
 
 
-class Instance:
+class Instance(_native.Instance):
     """An instance of an FMU that is stepped by hand.
 
     The instance is initialized on first use. As a context manager it is freed at the end. Values
@@ -74,9 +74,9 @@ class Instance:
     compile
         Compile the FMU if it has C or C++ sources, but no binary for this machine.
     in_process
-        Run in this process, in which a call takes about a microsecond, but a crash ends Python. By
-        default, the FMU runs in a child process: a call takes tens of microseconds, and a crash is
-        an `FmuError`.
+        Run in this process, which adds some tenths of a microsecond to each step, but a crash ends
+        Python. By default, the FMU runs in a child process: a step takes some microseconds more,
+        and a crash is an `FmuError`.
 
     Raises
     ------
@@ -115,21 +115,17 @@ class Instance:
         setup |= {"file": Path(filename).absolute(), "sizes": plain_starts(start_values)}
         self.name: str = name or Path(filename).stem
         """Its name in errors."""
-        self._native = _native.Instance(setup, [] if in_process else COMMAND)
-        self._time: float = start_time
-        self._starts: dict[str, Any] = {} if start_values is None else dict(start_values)
-        self._is_initialized = False
-        self._scalars: dict[str, list[int]] = {}
+        self._open(setup, start_values, [] if in_process else COMMAND)
 
     def __repr__(self) -> str:
         from .display import instance_about
 
-        return f"<{type(self).__name__}: {instance_about(self, self._is_initialized)}>"
+        return f"<{type(self).__name__}: {instance_about(self, self._starts() is None)}>"
 
     def _repr_html_(self) -> str:
         from .display import instance_html
 
-        return instance_html(self, None if self._is_initialized else self._starts)
+        return instance_html(self, self._starts())
 
     def __enter__(self) -> Self:
         return self
@@ -137,56 +133,23 @@ class Instance:
     def __exit__(self, *_: object) -> None:
         self.free()
 
-    def free(self) -> None:
-        """End and free the FMU."""
-        self._native.free()
-
     @cached_property
     def variables(self) -> dict[str, Variable]:
         """The variables of the FMU by name."""
         variables = {}
-        for *words, start, description, dimensions, low, high in self._native.variables():
+        for *words, start, description, dimensions, low, high in self._variables():
             value = start if dimensions else next(iter(start), None)
             rest = [value, description, tuple(dimensions), low, high]
             variables[words[0]] = Variable._make([*words, *rest])
         return variables
 
-    @property
-    def time(self) -> float:
-        """The time that the FMU has reached [s]."""
-        return self._time
-
     def initialize(self) -> None:
         """Initialize the FMU with the start values, unless it is initialized."""
-        if not self._is_initialized:
-            self._time = self._native.initialize(plain_starts(self._starts))
-            self._is_initialized = True
-
-    def step(self, step_size: float) -> None:
-        """Step by a time [s]."""
-        self.initialize()
-        self._time = self._native.step(step_size)
-
-    def get(self, names: str | Iterable[str]) -> Any:
-        """Return the value of a variable, or an array of the values of several."""
-        if isinstance(names, str):
-            values = self.get_list((names,))
-            return values[0] if len(values) == 1 else array(values)
-        return array(self.get_list(names))
+        self._initialize()
 
     def get_list(self, names: Iterable[str]) -> list[Any]:
         """Return the values of variables, in their types."""
-        self.initialize()
-        numbers = [number for name in names for number in self._numbers(name)]
-        return list(self._native.get(numbers))
-
-    def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
-        """Set a variable, or all variables of a mapping; before initialization, start values."""
-        values = {name: value} if isinstance(name, str) else name
-        if self._is_initialized:
-            self._native.set(plain_starts(values))
-        else:
-            self._starts |= self._checked(values)
+        return self._get_list(names)
 
     def reset(self, start_values: Mapping[str, Any] | None = None) -> None:
         """Return to the time before the initialization, without loading the FMU again.
@@ -196,55 +159,33 @@ class Instance:
         with the same names. What was `set` after the initialization is gone. Saved states can still
         be restored, which takes the place of an initialization.
         """
-        starts = self._checked(named(start_values))
-        self._time = self._native.reset()
-        self._is_initialized = False
-        self._starts |= starts
-
-    def _checked(self, starts: Mapping[str, Any]) -> Mapping[str, Any]:
-        self._native.check(plain_starts(starts))
-        for name in self.variables.keys() & starts.keys():
-            if self.variables[name].causality == "structuralParameter":
-                raise FmuError(f"{name} is a structural parameter, expected in `start_values`")
-        return starts
+        self._reset(start_values)
 
     def save(self) -> State:
         """Save the state of the FMU, which can be restored any number of times."""
-        self.initialize()
-        return State(self._native, self._native.save(), self._time)
+        return State(self, self._save(), self.time)
 
     def restore(self, state: State) -> None:
         """Return to a saved state of this instance, and to its time."""
-        if state._native is not self._native:
+        if state._instance is not self:
             raise FmuError("the state is of another instance, expected one of this instance")
-        self._time = self._native.restore(state._number)
-        self._is_initialized = True
+        self._restore(state._number)
 
     @property
     def continuous_states(self) -> np.ndarray:
         """The continuous states, by model exchange; they can be assigned."""
-        self.initialize()
-        return np.array(self._native.states())
+        return self._states()
 
     @continuous_states.setter
     def continuous_states(self, states: Sequence[float]) -> None:
-        self.initialize()
-        self._native.set_states([float(state) for state in states])
+        self._set_states([float(state) for state in states])
 
     def derivatives(self) -> np.ndarray:
         """Return the derivatives of the continuous states, by model exchange."""
-        self.initialize()
-        return np.array(self._native.derivatives())
+        return self._derivatives()
 
     def directional_derivative(
         self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
     ) -> np.ndarray:
         """Return the directional derivative: the Jacobian of the unknowns times the seed."""
-        self.initialize()
-        of, by = ([self._numbers(n)[0] for n in names] for names in (unknowns, knowns))
-        return np.array(self._native.directional(of, by, [float(s) for s in seed]))
-
-    def _numbers(self, name: str) -> list[int]:
-        if name not in self._scalars:
-            self._scalars[name] = list(range(*self._native.find(name)))
-        return self._scalars[name]
+        return self._directional(unknowns, knowns, [float(s) for s in seed])

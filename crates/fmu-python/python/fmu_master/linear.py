@@ -207,7 +207,7 @@ def _of_fmu(
             found = _variable(fmu, name)
             if found is not None and found.causality != "input":
                 raise FmuError(f"{name} has the causality {found.causality}, expected an input")
-        pairs, are_directional = fmu._native.equations()
+        pairs, are_directional = fmu._equations()
         states = [state for state, _ in pairs]
         if any(fmu.variables[name].dimensions for name in states):
             raise FmuError(f"{filename}: a state is an array, which linearize does not support")
