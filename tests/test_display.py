@@ -1,7 +1,13 @@
 """What a person sees of results, systems and instances: pictures, HTML and lines of text."""
 
 import base64
+import contextlib
+import os
+import pty
 import re
+import subprocess
+import termios
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,12 +25,21 @@ from fmu_master import (
     System,
     compare,
     python_component,
+    sweep,
 )
 from fmu_master.plots import extremes
 from fmu_master.result import Messages
+from pendulum_fmus.project import PROGRAM
 
 PENDULUM = ROOT / "target" / "fmu" / "Pendulum.fmu"
 LOOP = ROOT / "examples" / "closed-loop" / "pid.toml"
+
+SIGNALS = {
+    "reference": "source.r",
+    "output": "plant.theta",
+    "error": "controller.e",
+    "control": "controller.u",
+}
 
 
 def titles(figure):
@@ -287,6 +302,67 @@ def test_lines_of_a_terminal_have_at_most_80_columns(loop):
     changed = compare(wide, {"time": loop["time"], **{n: c + 1 for n, c in columns.items()}})
     part = python_component(["y"], ["u"], lambda t, y: -y)
     system = System(components={f"component{k}": part for k in range(30)})
-    for shown in (wide, changed, part, system, Sweep({n: [1.0] for n in columns}, system)):
+    planned = Sweep({name: [1.0] for name in columns}, system, signals=SIGNALS)
+    for shown in (wide, changed, part, system, planned):
         assert len(repr(shown)) <= 80
         assert " object at " not in repr(shown)
+
+
+# --- the command line ---------------------------------------------------------------------------
+
+
+def terminal(*arguments, columns=80):
+    """Return what the command line shows on a terminal."""
+    ours, its = pty.openpty()
+    termios.tcsetwinsize(its, (24, columns))
+    command = [PROGRAM, *map(str, arguments)]
+    shown = b""
+    with subprocess.Popen(command, stdout=its, stderr=its, env=os.environ | {"TERM": "xterm"}):
+        os.close(its)
+        with contextlib.suppress(OSError):  # end of file on Linux
+            while some := os.read(ours, 4096):
+                shown += some
+    os.close(ours)
+    return re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", shown.decode()).replace("\r\n", "\n")
+
+
+def test_lines_of_the_command_line_have_at_most_80_columns_on_a_terminal(fmus, tmp_path):
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    system = ("simulate", LOOP, "--stop=1")
+    changes = ("--set", "controller.pid.kp=200")
+    commands = [
+        ("info", PENDULUM),
+        ("validate", PENDULUM),
+        (*system, "--csv", files[0]),
+        (*system, *changes, "--csv", files[1]),
+        ("compare", *files),
+        ("simulate", LOOP, "--set", "controller.pid.no_such_parameter_of_this_controller=1"),
+    ]
+    for command in commands:
+        shown = terminal(*command)
+        lines = [
+            line.rpartition("\r")[2] for line in shown.split("\n") if str(tmp_path) not in line
+        ]
+        assert max(map(len, lines)) <= 80, shown
+
+
+def test_a_terminal_shows_whole_descriptions_of_variables(fmus):
+    shown = terminal("info", ROOT / "target" / "fmu" / "Pid.fmu")
+    words = " ".join(shown.split())
+    assert "would drive the force further beyond the limit" in words
+    assert "anti_windup fixed parameter, Boolean, start false" in words
+
+
+def test_progress_is_told_in_numbers_of_a_person(fmus, capsys):
+    slow = python_component([], ["y"], lambda t: time.sleep(0.06) or t)
+    System(components={"clock": slow}, step=0.5, stop=4.0).simulate(progress=True)
+    shown = capsys.readouterr().err
+    assert re.search(r"t = [1-4]\.\d+ of 4 s, \d+(\.\d+)? times real time, \d+ s left", shown)
+
+
+def test_a_sweep_tells_how_many_runs_are_done(fmus, capsys):
+    values = {"controller.pid.kp": [100.0, 200.0]}
+    sweep(values, LOOP, signals=SIGNALS, stop=0.5, progress=True)
+    assert "0 of 2 runs" in capsys.readouterr().err
+    sweep(values, LOOP, signals=SIGNALS, stop=0.5)
+    assert capsys.readouterr().err == ""

@@ -3,6 +3,7 @@
 
 pub mod commands;
 mod plot;
+pub mod progress;
 pub mod session;
 mod template;
 mod ui;

@@ -1,11 +1,13 @@
 //! The words and the look of the command line: colours, tables, counts, notes, advice and errors.
 
 use std::fmt;
-use std::io::Write;
+use std::io::{self, Write};
 
 use anstyle::{AnsiColor, Style};
 use anyhow::Error;
 use fmu_master::{Advice, Note, NoteOptions};
+use indicatif::ProgressStyle;
+use textwrap::{Options, WordSplitter};
 
 /// Failures.
 pub const ERROR: Style = AnsiColor::Red.on_default().bold();
@@ -14,9 +16,46 @@ pub const WARNING: Style = AnsiColor::Yellow.on_default().bold();
 /// Success.
 pub const OK: Style = AnsiColor::Green.on_default().bold();
 
+/// Lines that are longer are hard to read (columns).
+const WIDEST: usize = 100;
+
 /// Prints a line for people to the standard error output, which may be closed.
 pub fn message(line: fmt::Arguments<'_>) {
-    let _ = writeln!(anstream::stderr(), "{line}");
+    let width = terminal_size::terminal_size_of(io::stderr()).map(|(width, _)| width.0.into());
+    let width = width.map(|width: usize| width.min(WIDEST));
+    let _ = writeln!(anstream::stderr(), "{}", filled(&line.to_string(), width, "  "));
+}
+
+/// The width of the terminal, if the standard output is one.
+pub fn width() -> Option<usize> {
+    terminal_size::terminal_size_of(io::stdout()).map(|(width, _)| width.0.into())
+}
+
+/// A line for the standard output, wrapped at words if that is a terminal.
+pub fn wrapped(line: &str) -> String {
+    filled(line, width().map(|width| width.min(WIDEST)), "  ")
+}
+
+/// A text that is wrapped at words to a width, with an indent of all lines but the first. Texts of several lines have
+/// a layout of their own.
+pub fn filled(text: &str, width: Option<usize>, indent: &str) -> String {
+    match width {
+        Some(width) if !text.trim_end().contains('\n') => {
+            let options = Options::new(width.max(40)).subsequent_indent(indent);
+            // What can be copied, such as a path or an option, stays whole.
+            let options = options.break_words(false).word_splitter(WordSplitter::NoHyphenation);
+            textwrap::fill(text, options)
+        }
+        _ => text.to_owned(),
+    }
+}
+
+/// The style of a progress bar, which leaves the place for its message.
+///
+/// # Errors
+/// Its template is invalid.
+pub fn bar() -> Result<ProgressStyle, Error> {
+    Ok(ProgressStyle::with_template("[{wide_bar}] {msg}")?.progress_chars("=> "))
 }
 
 /// Prints a warning.
@@ -75,4 +114,25 @@ pub fn lines<const N: usize>(rows: &[[String; N]], left: bool) -> impl Iterator<
         });
         Vec::from_iter(cells).join("  ").trim_end().to_owned()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_wrap_at_words_and_keep_what_can_be_copied_whole() {
+        let path = "a/folder-with-a-long-name/and-another-one/file.toml";
+        let text = format!("{WARNING}warning:{WARNING:#} {path} is older than its sources");
+        let lines = filled(&text, Some(60), "  ");
+        let visible = "warning: ".len() + path.len();
+        assert_eq!(visible, 60);
+        assert_eq!(
+            lines,
+            format!("{WARNING}warning:{WARNING:#} {path}\n  is older than its sources")
+        );
+        assert_eq!(filled(&text, None, "  "), text);
+        let layout = "expected a number\n  |\n1 | a = b";
+        assert_eq!(filled(layout, Some(40), "  "), layout);
+    }
 }

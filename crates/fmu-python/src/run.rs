@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use cargo_fmu::progress::Clock;
 use cargo_fmu::session::{Session, WORKER};
 use fmu_description::Value;
 use fmu_master::Computed;
@@ -72,7 +73,7 @@ impl Runner {
     }
 
     /// Runs a system, whose functions call `steps`; returns a dict with the columns and what else there is to tell.
-    /// `progress` receives the time, the start and the stop time (s).
+    /// `progress` receives the part that is done, 0 to 1, and the progress in words.
     fn run<'py>(
         &self,
         py: Python<'py>,
@@ -89,7 +90,8 @@ impl Runner {
         let (outcome, raised) = py.detach(|| {
             let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
             let looked = Cell::new(Instant::now());
-            let host = Host { progress, looked, raised: RefCell::default() };
+            let (clock, raised) = (Clock::default(), RefCell::default());
+            let host = Host { progress, clock, looked, raised };
             let mut kept = idle().pop().unwrap_or_default();
             *kept.functions.called() = Called { steps, raised: None };
             let outcome = match self.program.is_empty() {
@@ -278,20 +280,21 @@ impl Functions {
 /// Python, during a run without its lock.
 struct Host {
     progress: Option<Py<PyAny>>,
+    clock: Clock,
     looked: Cell<Instant>,
     /// What was raised, which ends the run.
     raised: RefCell<Option<PyErr>>,
 }
 
 impl Host {
-    /// Lets Python handle signals, and tells it the time, the start and the stop time (s); returns whether to
-    /// end the run.
-    fn look(&self, times: Option<(f64, f64, f64)>) -> bool {
+    /// Lets Python handle signals, and tells it the progress of a run that has reached a time (s); returns whether
+    /// to end the run.
+    fn look(&self, reached: Option<(Experiment, f64)>) -> bool {
         if self.looked.get().elapsed() >= PERIOD && self.raised.borrow().is_none() {
             self.looked.set(Instant::now());
             let looked = Python::attach(|py| {
-                if let (Some(progress), Some(times)) = (&self.progress, times) {
-                    progress.call1(py, times)?;
+                if let (Some(progress), Some((experiment, time))) = (&self.progress, reached) {
+                    progress.call1(py, self.clock.run(experiment, time))?;
                 }
                 py.check_signals()
             });
@@ -355,7 +358,7 @@ fn in_worker(
             is_cancelled: &|| host.look(times.get()),
             warn: &|text| rows.borrow_mut().warnings.push(text.to_owned()),
             progress: &|ready, time| {
-                times.set(Some((time, ready.experiment.start, ready.experiment.stop)));
+                times.set(Some((ready.experiment, time)));
             },
             row: &|ready, row| {
                 let mut rows = rows.borrow_mut();
@@ -403,7 +406,6 @@ fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result
             return Ok(outcome);
         }
     };
-    let (start, stop) = (plan.experiment.start, plan.experiment.stop);
     let (mut looked, mut rows, mut left) = (Instant::now(), 1, 1);
     let end = run::simulate(plan, &starts, &messages, |row| {
         outcome.rows.push(&plan.columns, row);
@@ -414,7 +416,7 @@ fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result
         let now = Instant::now();
         rows = if now - looked < PERIOD / 2 { ROWS.min(2 * rows) } else { 1 };
         (looked, left) = (now, rows);
-        !host.look(Some((row.time, start, stop)))
+        !host.look(Some((plan.experiment, row.time)))
     });
     outcome.columns.clone_from(&plan.columns);
     outcome.traces = trace::of_plan(plan);

@@ -8,6 +8,7 @@ use std::rc::Rc;
 use std::time::Instant;
 
 use anyhow::anyhow;
+use cargo_fmu::progress::Clock;
 use cargo_fmu::session::Session;
 use fmu_master::FunctionCall;
 use fmu_master::job::{self, Job};
@@ -20,22 +21,23 @@ use crate::arguments;
 use crate::error::error;
 use crate::run::{Functions, PERIOD, command, limits};
 
-/// Runs a sweep in worker processes, 0 for one per core, and writes its table. A sweep or system that has a text is not
-/// read from its file. `functions` are the components that are functions, which `begin` makes for each run. Returns
-/// warnings and, if all runs failed, why the first one did.
+/// Runs a sweep in worker processes, 0 for one per core, which `processes` starts, and writes its table. A sweep or
+/// system that has a text is not read from its file. `functions` are the components that are functions, and what makes
+/// them for each run. `progress` receives the part that is done, 0 to 1, and the progress in words. Returns warnings
+/// and, if all runs failed, why the first one did.
 #[pyfunction]
 pub fn sweep(
     py: Python<'_>,
     sweep: (PathBuf, Option<String>),
     system: Option<(PathBuf, Option<String>)>,
-    functions: Vec<(String, Bound<'_, PyDict>)>,
-    begin: Py<PyAny>,
+    functions: (Vec<(String, Bound<'_, PyDict>)>, Py<PyAny>),
     out: PathBuf,
-    processes: usize,
-    program: Vec<OsString>,
+    processes: (usize, Vec<OsString>),
+    progress: Option<Py<PyAny>>,
 ) -> PyResult<(Vec<String>, Option<String>)> {
     let (file, text) = sweep;
     let (system, system_text) = system.map_or((None, None), |(file, text)| (Some(file), text));
+    let ((functions, begin), (processes, program)) = (functions, processes);
     let functions = arguments::functions(functions)?;
     let has_functions = !functions.is_empty();
     let source =
@@ -85,7 +87,16 @@ pub fn sweep(
                 warn: &|text| warnings.borrow_mut().push(text.to_owned()),
                 functions: has_functions.then_some(&begin),
             };
-            study.write(&out, &workers, |_| ())
+            let (clock, told) = (Clock::default(), Cell::new(None::<Instant>));
+            study.write(&out, &workers, |done| {
+                let Some(show) = &progress else { return };
+                let now = clock.sweep(done);
+                let is_due = told.get().is_none_or(|told| told.elapsed() >= PERIOD);
+                if is_due && raised.borrow().is_none() {
+                    told.set(Some(Instant::now()));
+                    *raised.borrow_mut() = Python::attach(|py| show.call1(py, now)).err();
+                }
+            })
         })();
         if let Some(raised) = raised.take() {
             return Err(raised);

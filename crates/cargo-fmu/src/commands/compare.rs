@@ -63,21 +63,19 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
             writeln!(out, "the same within the tolerance: {variables}, {rows}")?;
         }
         Some(first) => {
-            writeln!(out, "{}", first.describe(&shown))?;
+            writeln!(out, "{}", ui::wrapped(&first.describe(&shown)))?;
             let is_name = |cell: &Cell| matches!(cell, Some(Value::String(_)));
             if first.values.iter().flatten().count() == 2
                 && is_name(&first.values[0]) != is_name(&first.values[1])
             {
                 let numbers = "`cargo fmu simulate --enumerations numbers` writes numbers";
-                writeln!(
-                    out,
-                    "{} is a name in one file, a number in the other; {numbers}",
-                    first.name
-                )?;
+                let text = format!("{} is a name in one file, a number in the other", first.name);
+                writeln!(out, "{}", ui::wrapped(&format!("{text}; {numbers}")))?;
             }
             let names = Vec::from_iter(differences.iter().map(|difference| &*difference.name));
             let (differing, names) = (names.len(), names.join(", "));
-            writeln!(out, "different: {differing} of {variables}: {names}")?;
+            let text = format!("different: {differing} of {variables}: {names}");
+            writeln!(out, "{}", ui::wrapped(&text))?;
         }
     }
     let runs = Vec::from_iter(shown.into_iter().zip(files.map(PathBuf::as_path)));

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result};
 use clap::Args;
-use fmu_build::table;
+use fmu_build::table::{self, VariableCells};
 use fmu_description::xml::{self, Element};
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{Archive, DOCUMENTATION, ICON, ICON_3, MODEL_DESCRIPTION, TERMINALS};
@@ -19,6 +19,12 @@ use crate::ui::{self, lines};
 
 /// Maximum width of a cell.
 const MAX_WIDTH: usize = 200;
+/// Maximum length of a description.
+const MAX_DESCRIPTION: usize = 2000;
+/// The column of descriptions.
+const DESCRIPTION: usize = table::HEAD.len() - 1;
+/// The least width of descriptions in a table.
+const LEAST: usize = 30;
 /// Maximum length of the items of an enumeration.
 const MAX_ITEMS: usize = 2000;
 /// Maximum number of bytes that are read of the terminals.
@@ -199,7 +205,8 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
         ("size", format!("{} KB", archive.size.div_ceil(1000))),
     ];
     for (name, value) in lines.iter().filter(|(_, value)| !value.is_empty()) {
-        writeln!(out, "{name:12} {}", plain(value, MAX_WIDTH))?;
+        let line = format!("{name:12} {}", plain(value, MAX_WIDTH));
+        writeln!(out, "{}", ui::filled(&line, ui::width(), &" ".repeat(13)))?;
     }
     Ok(())
 }
@@ -228,18 +235,64 @@ fn interfaces(
 
 /// Prints a table of the variables, without those that are invalid.
 fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
-    let rows = table::rows(model).map(|row| row.map(|cell| plain(&cell, MAX_WIDTH)));
-    let rows: Vec<_> = [table::HEAD.map(str::to_owned)].into_iter().chain(rows).collect();
-    // On a terminal, long descriptions are cut off rather than wrapped into the other columns.
-    let terminal = terminal_size::terminal_size_of(std::io::stdout());
-    let width = terminal.map_or(usize::MAX, |(width, _)| usize::from(width.0));
-    let lines = lines(&rows, true).map(|line| format!("  {line}").chars().take(width).collect());
-    let lines: Vec<String> = lines.collect();
+    let cells = |row: VariableCells| row.map(|cell| plain(&cell, MAX_DESCRIPTION));
+    let rows = Vec::from_iter(table::rows(model).map(cells));
+    let number = ui::count(rows.len(), "variable");
+    let lines = match ui::width() {
+        Some(width) => variables_in(rows, width),
+        None => table_of(rows),
+    };
     let left_out = match model.variables.iter().filter(|v| v.is_none()).count() {
         0 => String::new(),
         invalid => format!(", without {invalid} invalid"),
     };
-    section(&format!("{}{left_out}", ui::count(rows.len() - 1, "variable")), &lines, out)
+    section(&format!("{number}{left_out}"), &lines, out)
+}
+
+/// The lines of a table of variables.
+fn table_of(rows: Vec<VariableCells>) -> Vec<String> {
+    let rows = Vec::from_iter([table::HEAD.map(str::to_owned)].into_iter().chain(rows));
+    lines(&rows, true).map(|line| format!("  {line}")).collect()
+}
+
+/// Variables on a terminal with a width: as a table, whose descriptions may take several lines, or below each other.
+fn variables_in(rows: Vec<VariableCells>, width: usize) -> Vec<String> {
+    let mut short = rows.clone();
+    short.iter_mut().for_each(|row| row[DESCRIPTION].clear());
+    let columns = table_of(short).iter().map(|line| line.chars().count()).max().unwrap_or(0);
+    let place = columns - table::HEAD[DESCRIPTION].len();
+    if place + LEAST <= width {
+        let indent = " ".repeat(place);
+        let lines = table_of(rows);
+        return lines.iter().flat_map(|line| filled(line, width, &indent)).collect();
+    }
+    let name = |row: &VariableCells| row[0].chars().count();
+    let widest = rows.iter().map(name).max().unwrap_or(0).min(width / 3);
+    let indent = " ".repeat(2 + widest + 2);
+    let stacked = rows.iter().flat_map(|row| {
+        let [variable, causality, variability, kind, unit, start, range, description] = row;
+        let named = [("", unit), ("start ", start), ("", range)];
+        let named = named.iter().filter(|(_, cell)| !cell.is_empty());
+        let named = named.map(|(name, cell)| format!("{name}{cell}"));
+        let words = [format!("{variability} {causality}"), kind.clone()].into_iter().chain(named);
+        let mut lines = vec![format!("  {variable}")];
+        let about = [Vec::from_iter(words).join(", "), description.clone()];
+        for text in about.iter().filter(|text| !text.is_empty()) {
+            lines.extend(filled(&format!("{indent}{text}"), width, &indent));
+        }
+        // The first line of the properties is beside the name, if that is short.
+        if variable.chars().count() <= widest {
+            let first = lines.remove(1);
+            lines[0] = format!("  {variable:widest$}  {}", first.trim_start());
+        }
+        lines
+    });
+    stacked.collect()
+}
+
+/// The lines of a text on a terminal.
+fn filled(text: &str, width: usize, indent: &str) -> Vec<String> {
+    ui::filled(text, Some(width), indent).lines().map(str::to_owned).collect()
 }
 
 fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
@@ -247,7 +300,7 @@ fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()
         let items = of_type.items.iter();
         let items: Vec<_> = items.map(|item| format!("{} = {}", item.name, item.value)).collect();
         let line = format!("{}: {}", of_type.name, items.join(", "));
-        format!("  {}", plain(&line, MAX_ITEMS))
+        ui::filled(&format!("  {}", plain(&line, MAX_ITEMS)), ui::width(), "    ")
     });
     section("enumerations", &lines.collect::<Vec<_>>(), out)
 }
@@ -263,5 +316,39 @@ fn terminals(parent: &Element<'_>, depth: usize, lines: &mut Vec<String>) {
         let line = format!("{name} ({rule}): {}", members.join(", "));
         lines.push(format!("{:1$}{2}", "", 2 * depth, plain(&line, MAX_WIDTH)));
         terminals(terminal, depth + 1, lines);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(name: &str, start: &str, description: &str) -> VariableCells {
+        [name, "parameter", "tunable", "Real", "N", start, "0 to 9", description].map(str::to_owned)
+    }
+
+    #[test]
+    fn a_terminal_shows_all_words_of_descriptions_below_the_properties_or_beside_them() {
+        let description = "a gain that is described at length, so that it takes several lines";
+        let rows = vec![row("k", "1", description), row(&"long_name".repeat(9), "2", "short")];
+        for width in [80, 200, 240] {
+            let lines = variables_in(rows.clone(), width);
+            let is_narrow = |line: &&String| line.chars().count() <= width;
+            assert!(
+                lines.iter().filter(|line| !line.contains("long")).all(|line| is_narrow(&line))
+            );
+            let text = lines.join(" ");
+            let words = Vec::from_iter(text.split_whitespace());
+            for word in description.split(' ').chain(["short"]) {
+                assert!(words.contains(&word), "{word}: {lines:#?}");
+            }
+        }
+        let lines = variables_in(rows[..1].to_vec(), 60);
+        let expected = [
+            "  k  tunable parameter, Real, N, start 1, 0 to 9",
+            "     a gain that is described at length, so that it takes",
+            "     several lines",
+        ];
+        assert_eq!(lines, expected);
     }
 }

@@ -1,12 +1,11 @@
 //! Supervisor side of `cargo fmu simulate`: one run of an FMU or of a system of coupled FMUs, in a worker process, since
 //! an FMU may crash, hang or exit.
 
-use std::cell::{OnceCell, RefCell};
+use std::cell::RefCell;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
@@ -16,11 +15,12 @@ use fmu_master::job::{self, Job, SystemSource};
 use fmu_master::run::{self, RunOutcome, SupervisedRun, Watch};
 use fmu_master::table::{Format, header, push_line};
 use fmu_master::{Column, Compilation, Experiment, Message, Overrides, Row, Statistics};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::limits::Limited;
 use super::stale;
 use crate::plot::Page;
+use crate::progress::{Clock, speed};
 use crate::session::{self, Session};
 use crate::ui;
 
@@ -259,10 +259,10 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
         writeln!(out, "{line}")?;
     }
     for alarm in completed.summary.sentences() {
-        writeln!(out, "alarm: {alarm}")?;
+        writeln!(out, "{}", ui::wrapped(&format!("alarm: {alarm}")))?;
     }
     for line in ready.notes.iter().map(ui::note).chain(completed.ended.clone()) {
-        writeln!(out, "{line}")?;
+        writeln!(out, "{}", ui::wrapped(&line))?;
     }
     let Experiment { start, step, .. } = ready.experiment;
     // A system that starts at the end of its first step, as a sampled loop may, has that step, too.
@@ -310,16 +310,10 @@ impl Printer {
     }
 }
 
-/// The speed relative to real time, which may be below 1.
-fn speed(factor: f64) -> String {
-    let digits = if factor < 10.0 { 2 } else { 0 };
-    format!("{factor:.digits$} times real time")
-}
-
-/// A progress bar with the simulated time and the speed relative to real time.
+/// A progress bar with the simulated time, the speed relative to real time and the time that is left.
 struct Progress {
     bar: ProgressBar,
-    begin: OnceCell<Instant>,
+    clock: Clock,
 }
 
 /// The length of the bar, the same for any run.
@@ -327,17 +321,13 @@ const LENGTH: u64 = 1 << 20;
 
 impl Progress {
     fn new() -> Result<Self> {
-        let template = "[{bar:40}] {percent:>3} %  {msg}  {eta} left";
-        let style = ProgressStyle::with_template(template)?.progress_chars("=> ");
-        Ok(Self { bar: ProgressBar::new(LENGTH).with_style(style), begin: OnceCell::new() })
+        let bar = ProgressBar::new(LENGTH).with_style(ui::bar()?);
+        Ok(Self { bar, clock: Clock::default() })
     }
 
-    fn show(&self, Experiment { start, stop, .. }: Experiment, time: f64) {
-        let begin = self.begin.get_or_init(Instant::now);
-        let factor = (time - start) / begin.elapsed().as_secs_f64().max(1e-9);
-        let speed = speed(factor);
-        self.bar.set_message(format!("t = {time:.3} of {stop} s, {speed}"));
-        let done = (time - start) / (stop - start);
-        self.bar.set_position((done * LENGTH as f64) as u64);
+    fn show(&self, experiment: Experiment, time: f64) {
+        let (part, text) = self.clock.run(experiment, time);
+        self.bar.set_message(text);
+        self.bar.set_position((part * LENGTH as f64) as u64);
     }
 }

@@ -11,11 +11,12 @@ use clap::Args;
 use fmu_master::job::{self, Job};
 use fmu_master::sweep::{Outline, Study, SweepProgress, SweepSource, Workers, process_count};
 use fmu_master::{Compilation, Overrides};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::limits::Limited;
 use super::simulate::stem;
 use crate::plot::Page;
+use crate::progress::Clock;
 use crate::session::{self, Session};
 use crate::ui;
 
@@ -153,13 +154,13 @@ fn write(
     out: &mut impl Write,
 ) -> Result<Option<SweepProgress>> {
     let bar = progress_bar()?;
-    let mut begin = Instant::now();
+    let (clock, mut begin) = (Clock::default(), Instant::now());
     let (is_complete, progress) = study.write(file, workers, |progress| {
         if progress.done == 0 {
             bar.set_length(progress.runs);
-            bar.reset_eta();
             begin = Instant::now();
         }
+        bar.set_message(clock.sweep(progress).1);
         bar.set_position(progress.before + progress.done);
     })?;
     let elapsed = begin.elapsed().as_secs_f64();
@@ -181,22 +182,22 @@ fn write(
     }
     if let Some((run, failure)) = &progress.first_failure {
         let failed = ui::count(progress.failed, "run");
-        writeln!(out, "{failed} failed, the first was run {run}: {failure}")?;
+        let text = format!("{failed} failed, the first was run {run}: {failure}");
+        writeln!(out, "{}", ui::wrapped(&text))?;
     }
     if let Some(first) = &progress.first_diverged {
         let (diverged, runs) = (progress.diverged, ui::count(runs, "run"));
-        writeln!(out, "{diverged} of {runs} diverged or failed, the first: {first}")?;
+        let text = format!("{diverged} of {runs} diverged or failed, the first: {first}");
+        writeln!(out, "{}", ui::wrapped(&text))?;
     }
     if let Some((iae, best)) = &progress.best {
-        writeln!(out, "smallest iae, {iae:.6e}: {best}")?;
+        writeln!(out, "{}", ui::wrapped(&format!("smallest iae, {iae:.6e}: {best}")))?;
     }
     Ok(Some(progress))
 }
 
 fn progress_bar() -> Result<ProgressBar> {
-    let style = "[{bar:40}] {pos} of {len} runs, {per_sec}, {eta} left";
-    let style = ProgressStyle::with_template(style)?.progress_chars("=> ");
-    let bar = ProgressBar::new(0).with_style(style);
+    let bar = ProgressBar::new(0).with_style(ui::bar()?);
     bar.enable_steady_tick(Duration::from_millis(200));
     Ok(bar)
 }

@@ -115,7 +115,8 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
         };
         for finding in &group.kept {
             let (location, text) = (&finding.location, &finding.text);
-            writeln!(out, "{file}: {style}{severity}{style:#}: {location}: {text} ({source})")?;
+            let line = format!("{file}: {style}{severity}{style:#}: {location}: {text} ({source})");
+            writeln!(out, "{}", ui::wrapped(&line))?;
         }
         if group.left_out() > 0 {
             let (number, id) = (group.left_out(), group.rule.id);
@@ -123,7 +124,7 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
         }
     }
     for hint in findings.hints() {
-        writeln!(out, "{file}: hint: {hint}")?;
+        writeln!(out, "{}", ui::wrapped(&format!("{file}: hint: {hint}")))?;
     }
     let count = |number: usize, what: &str| match number {
         0 => format!("no {what}"),

@@ -14,7 +14,7 @@ pub struct SweepProgress {
     pub before: u64,
     /// Number of runs done since.
     pub done: u64,
-    /// Once all runs are done: the number of those that failed.
+    /// The number of runs since then that failed; once all runs are done, of all.
     pub failed: u64,
     /// The first of these, and why.
     pub first_failure: Option<(u64, String)>,

@@ -135,6 +135,7 @@ impl Study {
             journal.append(lines)?;
             progress.done += done.len() as u64;
             for (run, failure) in done.into_iter().filter_map(|(run, why)| Some((run, why?))) {
+                progress.failed += 1;
                 let first = progress.first_failure.get_or_insert((run, String::new()));
                 if run <= first.0 {
                     *first = (run, failure);
@@ -146,7 +147,10 @@ impl Study {
         // They free their FMUs while the table is written.
         pool.dismiss();
         match is_complete {
-            true => journal.finish(|cell| progress.add_row(&self.columns, cell))?,
+            true => {
+                progress.failed = 0;
+                journal.finish(|cell| progress.add_row(&self.columns, cell))?;
+            }
             // Nobody could resume it.
             false if self.has_functions => journal.remove()?,
             false => journal.keep()?,

@@ -13,7 +13,7 @@ class Runner:
         self,
         system: Mapping[str, Any],
         steps: Sequence[Callable[..., Any]],
-        progress: Callable[[float, float, float], object] | None,
+        progress: Callable[[float, str], object] | None,
     ) -> dict[str, Any]: ...
     def free(self) -> None: ...
 
@@ -103,9 +103,10 @@ def main(program: Sequence[str], arguments: Sequence[str]) -> None: ...
 def sweep(
     sweep: tuple[Path, str | None],
     system: tuple[Path, str | None] | None,
-    functions: Sequence[tuple[str, Mapping[str, Any]]],
-    begin: Callable[[], Sequence[Callable[..., Any]]],
+    functions: tuple[
+        Sequence[tuple[str, Mapping[str, Any]]], Callable[[], Sequence[Callable[..., Any]]]
+    ],
     out: Path,
-    processes: int,
-    program: Sequence[str],
+    processes: tuple[int, Sequence[str]],
+    progress: Callable[[float, str], object] | None,
 ) -> tuple[list[str], str | None]: ...

@@ -15,6 +15,7 @@ from . import _native
 from ._command import COMMAND
 from ._keys import TABLE, WHOLE, check, check_sweep, is_number, sweep_keys
 from ._values import document, one_or_more
+from .progress import bar
 from .result import FmuError, Result, read
 from .system import System
 
@@ -115,7 +116,7 @@ class Sweep:
         """Return an error, with the table if all runs failed and it is kept nowhere else."""
         return FmuError(text, result=read(out) if self.out is None and out.exists() else None)
 
-    def run(self, processes: int = 0) -> Result:
+    def run(self, processes: int = 0, *, progress: bool = False) -> Result:
         """Run the sweep in worker processes, by default one for each core; return the table."""
         if is_number(processes) and processes < 0:
             raise ValueError(f"processes = {processes}, expected at least 0")
@@ -135,7 +136,9 @@ class Sweep:
 
         source = (Path("sweep.toml"), self._text()) if self.file is None else (self.file, None)
         with self.table() as out:
-            done = _native.sweep(source, system, signatures, begin, out, processes, COMMAND)
+            with bar(progress) as shown:
+                parts, workers = (signatures, begin), (processes, COMMAND)
+                done = _native.sweep(source, system, parts, out, workers, shown)
             texts, failure = done
             for text in texts:
                 warnings.warn(text, stacklevel=2)
@@ -181,6 +184,7 @@ def sweep(
     *,
     signals: Mapping[str, str] | None = None,
     processes: int = 0,
+    progress: bool = False,
     **keys: Any,
 ) -> Result:
     """Run a system many times, on all cores; see `Sweep`.
@@ -194,6 +198,8 @@ def sweep(
         As for `Sweep`.
     processes
         The number of worker processes, by default one for each core.
+    progress
+        Show a progress bar with the runs that are done and that have failed.
 
     Raises
     ------
@@ -214,7 +220,7 @@ def sweep(
     ... )
     >>> best = runs["controller.pid.kp"][runs["iae"].argmin()]
     """
-    return Sweep(plan, system, out, signals=signals, **keys).run(processes)
+    return Sweep(plan, system, out, signals=signals, **keys).run(processes, progress=progress)
 
 
 def _opened(file: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import os
 import threading
 import tomllib
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
@@ -21,6 +21,7 @@ from ._inputs import Given, inputs
 from ._names import suggests
 from ._values import document, one_or_more, plain_starts
 from .components import PythonComponent
+from .progress import bar
 from .result import FmuError, Messages, Result
 
 Input = Any
@@ -247,7 +248,7 @@ class System:
             stack.enter_context(self._turn)
             if input is not None:
                 changes["input"] = self._input(input, changes)
-            shown = stack.enter_context(_progress()) if progress else None
+            shown = stack.enter_context(bar(progress))
             functions = [function for _, function in self._functions()]
             for function in functions:
                 function.begin()
@@ -313,7 +314,7 @@ def simulate(
     in_process
         Run in this process, which saves some milliseconds, but an FMU that crashes ends Python.
     progress
-        Show a progress bar.
+        Show a progress bar with the simulated time, the speed and the time that is left.
     debug_logging
         Keep the messages about changes of the state of FMUs (category "logEvents"), too.
 
@@ -353,16 +354,3 @@ def _runner(in_process: bool, keeps: bool) -> _native.Runner:
 def is_fmu(file: str | os.PathLike[str]) -> bool:
     """Return whether a file is an FMU, by its name."""
     return os.fspath(file).lower().endswith(".fmu")
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[float, float, float], None]]:
-    """Show a progress bar."""
-    from tqdm.auto import tqdm
-
-    with tqdm(total=100, unit="%", leave=False) as bar:
-
-        def show(time: float, start: float, stop: float) -> None:
-            bar.update(100 * (time - start) / max(stop - start, 1e-300) - bar.n)
-
-        yield show
