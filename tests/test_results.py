@@ -1,6 +1,8 @@
 """Results of the Python module: their columns, summary, files and data frames; and inputs."""
 
+import contextlib
 import math
+from functools import partial
 
 import numpy as np
 import pandas
@@ -235,9 +237,6 @@ def test_whole_numbers_of_64_bits_keep_all_digits_in_runs_and_tables(echo, tmp_p
         result = simulate(echo, input=given, step_size=0.25)
         assert result["yw"].tolist() == [1, 1, 1, LARGEST, LARGEST]  # before each step
     assert read(tmp_path / "w.parquet")["w"].tolist() == [1, LARGEST]
-    polars.DataFrame({"time": time}).write_parquet(tmp_path / "z.parquet", compression="zstd")
-    with pytest.raises(FmuError, match="compression is ZSTD, expected SNAPPY or none"):
-        read(tmp_path / "z.parquet")
     tables = [{"time": time, "w": [1, last]} for last in (LARGEST, LARGEST - 1)]
     assert compare(*tables, relative=0).reference["w"].tolist() == [1, LARGEST]
     names = dict.fromkeys(("reference", "output", "error", "control"), "a.yA[1,1]")
@@ -322,3 +321,162 @@ def test_a_summary_is_a_table_with_the_alarms_below(fmus):
     assert lines[-2:] == [f"alarm: {alarm}" for alarm in result.alarms]
     with pytest.raises(KeyError, match=r"theta has no statistics; did you mean plant\.theta\?"):
         summary["theta"]
+
+
+def test_a_result_that_is_written_reads_back_as_itself(sums, tmp_path):
+    system = System(sums({"a": {}}, outputs=list(TYPED)[1:]))
+    result = system.simulate()
+    run("simulate", system.file, "--csv", "expected.csv", cwd=tmp_path)
+    run("simulate", system.file, "--csv", "expected.parquet", cwd=tmp_path)
+    for ending in ("csv", "parquet"):
+        file = tmp_path / f"out.{ending}"
+        file.write_text("older")
+        result.write(file)
+        assert file.read_bytes() == (tmp_path / f"expected.{ending}").read_bytes()
+        again = read(file)
+        again.write(file)
+        assert file.read_bytes() == (tmp_path / f"expected.{ending}").read_bytes()
+    assert again == result
+    assert {name: column.dtype for name, column in again.items() if name != "a.shape"} == {
+        name: column.dtype for name, column in result.items() if name != "a.shape"
+    }
+    assert again.enumerations == result.enumerations
+    assert not list(tmp_path.glob(".out*"))
+    for name, message in (
+        ("out.txt", "out.txt: expected a name that ends in .csv or .parquet"),
+        ("nowhere/out.csv", "the folder .*nowhere does not exist"),
+    ):
+        with pytest.raises(FmuError, match=message):
+            result.write(tmp_path / name)
+
+
+def test_the_table_of_a_sweep_is_written_as_the_sweep_does(tmp_path):
+    names = {"reference": "source.r", "output": "plant.theta"}
+    names |= {"error": "controller.e", "control": "controller.u"}
+    system, plan = LOOPS / "pid.toml", {"controller.pid.kp": [200.0, 300.0]}
+    for ending in ("csv", "parquet"):
+        out, again = tmp_path / f"out.{ending}", tmp_path / f"again.{ending}"
+        runs = sweep(plan, system, out, signals=names, stop=0.1)
+        runs.write(again)
+        assert read(again) == runs
+        assert np.isnan(read(again)["settling_time"]).all()
+    assert again.with_suffix(".csv").read_bytes() == out.with_suffix(".csv").read_bytes()
+
+
+@pytest.fixture
+def typed() -> pyarrow.Table:
+    """Return a table of all types that a variable may have, some with missing values."""
+    types = {
+        "i8": ([-1, 2, 3], pyarrow.int8()),
+        "u16": ([1, 2, 65535], pyarrow.uint16()),
+        "i32": ([-1, 2, 3], pyarrow.int32()),
+        "u64": ([1, LARGEST, 3], pyarrow.uint64()),
+        "f32": ([0.1, 2.5, math.inf], pyarrow.float32()),
+        "f64": ([0.1, None, 2.5], pyarrow.float64()),
+        "b": ([True, False, True], pyarrow.bool_()),
+        "s": (["a", "π", "a"], pyarrow.large_string()),
+        "c": (["a", "b", "a"], pyarrow.dictionary(pyarrow.int8(), pyarrow.string())),
+        "y": ([b"\0", b"", b"\xff"], pyarrow.binary()),
+    }
+    columns = {name: pyarrow.array(values, kind) for name, (values, kind) in types.items()}
+    return pyarrow.table(columns | {"time": [0.0, 0.5, 1.0]})
+
+
+def by_polars(table: pyarrow.Table, file: object) -> None:
+    polars.from_arrow(table).write_parquet(file)
+
+
+def by_pandas(table: pyarrow.Table, file: object) -> None:
+    table.to_pandas().set_index("time").to_parquet(file)
+
+
+OPTIONS = [
+    *({"compression": name} for name in ("none", "snappy", "zstd", "gzip", "lz4")),
+    {"compression": "zstd", "data_page_version": "2.0"},
+    {"compression": "zstd", "use_dictionary": False, "data_page_size": 64},
+]
+
+
+def test_parquet_of_other_programs_is_read_with_its_types(typed, tmp_path):
+    """By default, pyarrow and pandas compress by Snappy, and Polars by zstd."""
+    writers = [partial(pyarrow.parquet.write_table, **options) for options in OPTIONS]
+    for number, write in enumerate([*writers, by_polars, by_pandas]):
+        file = tmp_path / f"{number}.parquet"
+        write(typed, file)
+        result = read(file)
+        assert list(result) == ["time", *(name for name in typed.column_names if name != "time")]
+        for name in ("i8", "u16", "i32", "u64", "f32"):
+            assert result[name].dtype == typed[name].to_numpy().dtype
+        for name, column in result.items():
+            values = [None if value != value else value for value in column.tolist()]
+            assert values == typed[name].to_pylist()
+
+
+def test_parquet_that_cannot_be_read_is_named(typed, tmp_path):
+    file = tmp_path / "a.parquet"
+    pyarrow.parquet.write_table(typed, file, compression="brotli")
+    with pytest.raises(FmuError, match=r"a\.parquet cannot be read: its compression is BROTLI, ex"):
+        read(file)
+    for values, kind, reason in (
+        ([0, 1], pyarrow.timestamp("ns"), "t has dates or times of day, expected numbers"),
+        ([0, 1], pyarrow.date32(), "t has dates or times of day, expected numbers"),
+        ([[1.0], [2.0]], pyarrow.list_(pyarrow.float64()), "t has lists or structures, expected"),
+        ([1, 2], pyarrow.decimal128(5), "t is not a column of numbers, Booleans or strings"),
+    ):
+        table = pyarrow.table({"time": [0.0, 1.0], "t": pyarrow.array(values, kind)})
+        pyarrow.parquet.write_table(table, file)
+        with pytest.raises(FmuError, match=reason):
+            read(file)
+    pyarrow.parquet.write_table(typed, file, compression="zstd")
+    content = bytearray(file.read_bytes())
+    for place in range(4, len(content) - 200, 7):
+        damaged = content.copy()
+        damaged[place] ^= 0x55
+        file.write_bytes(damaged)
+        with contextlib.suppress(FmuError):  # Other values or an error, but no panic.
+            read(file)
+
+
+def test_other_programs_find_names_types_and_units_in_parquet(sums, tmp_path):
+    units = {"time": "s", "a.x[1,2]": "rad", "b": ""}
+    columns = {"time": [0.0, 0.5], "a.x[1,2]": np.float32([1.5, 2.5]), "b": np.uint8([1, 255])}
+    file = tmp_path / "a.parquet"
+    Result.of(columns, units).write(file)
+    schema = pyarrow.parquet.read_schema(file)
+    assert schema.names == ["time [s]", "a.x[1,2] [rad]", "b"]
+    assert [str(field.type) for field in schema] == ["double", "float", "uint8"]
+    found = [(field.metadata or {}).get(b"unit") for field in schema]
+    assert found == [b"s", b"rad", None]
+    assert pandas.read_parquet(file)["a.x[1,2] [rad]"].tolist() == [1.5, 2.5]
+    assert polars.read_parquet(file)["b"].to_list() == [1, 255]
+    assert polars.read_parquet(file).schema["b"] == polars.UInt8
+
+
+def test_files_of_data_frames_have_the_time_first(fmus, tmp_path):
+    """Pandas writes its index last to Parquet, and without a name to CSV."""
+    result = simulate(PENDULUM, stop_time=0.1, start_values={"theta0": 0.1})
+    frame = result.to_pandas()
+    assert (frame.index.name, next(iter(frame.reset_index()))) == ("time", "time")
+    assert frame.attrs["units"]["theta"] == "rad"
+    flat = frame.reset_index()[["theta", "omega", "x", "v", "time"]]
+    writes = {
+        "a.parquet": frame.to_parquet,
+        "b.parquet": flat.to_parquet,
+        "c.csv": frame.to_csv,
+        "d.csv": flat.to_csv,
+        "e.csv": partial(flat.to_csv, index=False),
+        "f.parquet": result.to_polars().write_parquet,
+        "g.csv": result.to_polars().write_csv,
+    }
+    for name, write in writes.items():
+        write(tmp_path / name)
+        again = read(tmp_path / name)
+        assert list(again) == list(result)
+        for column in result:
+            np.testing.assert_array_equal(again[column], result[column])
+    force = pandas.DataFrame({"u": [2.0, 2.0], "time": [0.0, 1.0]})
+    force.to_csv(tmp_path / "u.csv")
+    force.set_index("time").to_parquet(tmp_path / "u.parquet")
+    expected = simulate(PENDULUM, stop_time=0.1, input={"u": 2.0})
+    for given in (tmp_path / "u.csv", tmp_path / "u.parquet", force, force.set_index("time")):
+        assert simulate(PENDULUM, stop_time=0.1, input=given) == expected

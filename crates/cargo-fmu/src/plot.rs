@@ -188,11 +188,7 @@ mod tests {
 
     #[test]
     fn times_and_whole_numbers_keep_their_digits() {
-        let series = |name: &str, value: Cell| Series {
-            name: name.into(),
-            unit: String::new(),
-            cells: vec![Some(value)],
-        };
+        let series = |name: &str, value: Cell| Series::new(name, "", vec![Some(value)]);
         let page = run("a", &[series("time", Cell::Float64(100_000.001))]).unwrap();
         assert_eq!(page["time"], json!([100_000.001]));
         let page = sweep(&[series("seed", Cell::UInt64(u64::MAX))]);

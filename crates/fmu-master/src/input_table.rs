@@ -92,7 +92,7 @@ impl InputTable {
                     true => vec![cells[element].clone(); times.len()],
                     false => cells.iter().skip(element).step_by(scalars.len()).cloned().collect(),
                 };
-                columns.push((id, Series { name, unit: input.series.unit.clone(), cells }));
+                columns.push((id, Series::new(name, &input.series.unit, cells)));
             }
         }
         let columns = columns.iter().map(|(id, series)| Ok((*id, series)));
@@ -271,8 +271,7 @@ mod tests {
         let declared = DeclaredType { items: items.to_vec(), ..DeclaredType::default() };
         let input =
             Variable { of_type, declared_type: Some(declared.into()), ..Variable::default() };
-        let (name, unit) = ("a".to_owned(), String::new());
-        let series = Series { name, unit, cells: cells.to_vec() };
+        let series = Series::new("a", "", cells.to_vec());
         values(&series, &input).map_err(|error| format!("{error:#}"))
     }
 

@@ -6,14 +6,15 @@
 //!   `true` or `false` (also read: `True` and `TRUE`), items of Enumerations have their names, and Binaries are
 //!   hexadecimal.
 //! - Parquet: uncompressed, with the same names, and the types of the variables; Enumerations are numbers, whose names are
-//!   in the metadata of the file. Columns are required, or
-//!   optional if a value may be missing.
+//!   in the metadata of the file. Columns are required, or optional if a value may be missing. Units are also in the Arrow
+//!   schema. Read are also files of other programs: compressed by Snappy, zstd, gzip or LZ4, with columns of plain values.
 
 mod column;
 mod compare;
 mod csv;
 mod parquet;
 mod read;
+mod write;
 
 pub use column::{Cell, Column, Format, Series};
 pub(crate) use column::{boolean, expected};
@@ -22,3 +23,4 @@ pub use csv::{fields, header, parse, push_line};
 pub use parquet::{ParquetWriter, write_parquet};
 pub use read::{read, times};
 pub(crate) use read::{read_texts, rounding};
+pub use write::write;

@@ -170,5 +170,5 @@ fn column(name: &str, unit: &str, cells: &Cells<'_>) -> PyResult<Series> {
     let cells = cells.iter().map(|cell| cell.as_ref().map(from_python).transpose());
     let cells: PyResult<_> = cells.collect();
     let cells = cells.map_err(|error| PyTypeError::new_err(format!("{name}: {error}")))?;
-    Ok(Series { name: name.to_owned(), unit: unit.to_owned(), cells })
+    Ok(Series::new(name, unit, cells))
 }

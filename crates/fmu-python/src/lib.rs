@@ -28,7 +28,7 @@ mod _native {
     use super::run::{Runner, bounds, points, times};
 
     #[pymodule_export]
-    use super::tables::{compare, read, set_points};
+    use super::tables::{compare, read, set_points, write};
 
     #[pymodule_export]
     use super::instance::Instance;

@@ -2,6 +2,7 @@
 //! literals.
 
 use fmu_description::{Type, Value};
+use fmu_master::table::Cell;
 use fmu_master::{Column, Literal, Row};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -72,6 +73,22 @@ macro_rules! push {
     };
 }
 fmu_description::types!(push!);
+
+/// The values of a column that was read: their type and data if they have one type and none is missing, else no type and
+/// a list.
+pub fn column_into_python(py: Python<'_>, cells: Vec<Cell>) -> PyResult<(&str, Bound<'_, PyAny>)> {
+    let kind = cells.first().and_then(Option::as_ref).map(Value::of_type);
+    let is_one = |cell: &Cell| cell.as_ref().map(Value::of_type) == kind;
+    if let Some(kind) = kind
+        && cells.iter().all(is_one)
+    {
+        let mut data = Data::default();
+        cells.into_iter().flatten().for_each(|value| data.push(value));
+        return Ok((kind.as_str(), data.into_python(py, kind)?));
+    }
+    let cells = cells.into_iter().map(|cell| cell.map(|value| to_python(py, value)).transpose());
+    Ok(("", PyList::new(py, cells.collect::<PyResult<Vec<_>>>()?)?.into_any()))
+}
 
 impl Data {
     fn into_python(self, py: Python<'_>, kind: Type) -> PyResult<Bound<'_, PyAny>> {

@@ -99,15 +99,22 @@ pub struct Series {
     pub unit: String,
     /// Its values. Values of CSV are Int64, UInt64, Float64, Boolean or String, whichever the text looks like.
     pub cells: Vec<Cell>,
+    /// The names of items, if the file has both them and their numbers; the values are the names.
+    pub items: Items,
 }
 
 impl Series {
+    /// A column with these values.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, cells: Vec<Cell>) -> Self {
+        Self { name: name.into(), unit: unit.into(), cells, items: Items::new() }
+    }
+
     /// A column without rows; its title is a name, or a name and a unit, `controller.u [N]`.
     pub(super) fn titled(title: &str) -> Self {
         let title = title.trim();
         let parts = title.strip_suffix(']').and_then(|title| title.rsplit_once(" ["));
         let (name, unit) = parts.unwrap_or((title, ""));
-        Self { name: name.into(), unit: unit.into(), cells: Vec::new() }
+        Self::new(name, unit, Vec::new())
     }
 
     /// The value of a row as a number, true as 1; `None` if it is missing or a text.

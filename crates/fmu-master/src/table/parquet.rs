@@ -1,25 +1,27 @@
-//! Writes rows as Parquet columns, and reads them.
+//! Writes rows as Parquet columns.
 
-use std::fs::File;
+mod arrow;
+mod read;
+mod zstd;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result};
 use fmu_description::{Type as Kind, Value};
 use fmu_file::replace::Replacement;
-use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
+use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{
     BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type, Int64Type,
 };
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{ColumnChunkMetaData, KeyValue, RowGroupMetaData};
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
-use parquet::record::Field;
 use parquet::schema::types::{Type, TypePtr};
 
-use super::column::{Cell, Column, Items, Series, named};
+pub(super) use self::read::read;
+use super::column::{Cell, Column, Items};
 use super::csv::{fields, push_line};
 
 /// Number of rows that are buffered and written column by column.
@@ -128,8 +130,9 @@ fn items_of(column: &str, mut lines: &str) -> Items {
 fn begin(file: &Path, columns: &[Column]) -> Result<SerializedFileWriter<Replacement>> {
     let output = Replacement::new(file)?;
     let items = (!items(columns).is_empty()).then(|| KeyValue::new(ITEMS.into(), items(columns)));
-    let properties = WriterProperties::builder().set_key_value_metadata(items.map(|it| vec![it]));
-    let properties = properties.build();
+    let units = KeyValue::new(arrow::KEY.into(), arrow::schema(columns));
+    let known = Vec::from_iter(items.into_iter().chain([units]));
+    let properties = WriterProperties::builder().set_key_value_metadata(Some(known)).build();
     let writer = SerializedFileWriter::new(output, schema(columns)?, Arc::new(properties));
     writer.with_context(|| format!("cannot write {}", file.display()))
 }
@@ -224,54 +227,9 @@ fn typed<T: DataType>(
     writer.close()
 }
 
-/// Reads a file with columns of plain values.
-pub(super) fn read(file: &Path) -> Result<Vec<Series>> {
-    let reader = SerializedFileReader::new(File::open(file)?)?;
-    let columns = reader.metadata().row_groups().iter().flat_map(RowGroupMetaData::columns);
-    for compression in columns.map(ColumnChunkMetaData::compression) {
-        let is_known = matches!(compression, Compression::UNCOMPRESSED | Compression::SNAPPY);
-        let name = compression.to_string();
-        let name = name.split('(').next().unwrap_or_default();
-        ensure!(is_known, "its compression is {name}, expected SNAPPY or none");
-    }
-    let fields = reader.metadata().file_metadata().schema().get_fields();
-    let mut table = Vec::from_iter(fields.iter().map(|field| Series::titled(field.name())));
-    let known = reader.metadata().file_metadata().key_value_metadata();
-    let known = known.into_iter().flatten().find(|known| known.key == ITEMS);
-    let known = known.and_then(|known| known.value.as_deref()).unwrap_or_default();
-    for row in reader.get_row_iter(None)? {
-        for (series, (_, field)) in table.iter_mut().zip(row?.get_column_iter()) {
-            series.cells.push(match field {
-                Field::Null => None,
-                Field::Bool(value) => Some(Value::Boolean(*value)),
-                Field::Byte(value) => Some(Value::Int8(*value)),
-                Field::UByte(value) => Some(Value::UInt8(*value)),
-                Field::Short(value) => Some(Value::Int16(*value)),
-                Field::UShort(value) => Some(Value::UInt16(*value)),
-                Field::Int(value) => Some(Value::Int32(*value)),
-                Field::UInt(value) => Some(Value::UInt32(*value)),
-                Field::Long(value) => Some(Value::Int64(*value)),
-                Field::ULong(value) => Some(Value::UInt64(*value)),
-                Field::Float(value) => Some(Value::Float32(*value)),
-                Field::Double(value) => Some(Value::Float64(*value)),
-                Field::Str(value) => Some(Value::String(value.clone())),
-                Field::Bytes(value) => Some(Value::Binary(value.data().to_vec())),
-                _ => bail!("{} is not a column of numbers, Booleans or strings", series.name),
-            });
-        }
-    }
-    for series in &mut table {
-        let items = items_of(&series.name, known);
-        if !items.is_empty() {
-            let cells = std::mem::take(&mut series.cells).into_iter();
-            series.cells = cells.map(|cell| cell.map(|value| named(&items, value))).collect();
-        }
-    }
-    Ok(table)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::column::Series;
     use super::*;
 
     #[test]
@@ -300,8 +258,8 @@ mod tests {
         let file = folder.path().join("a.parquet");
         write_parquet(&file, &columns, rows.into_iter().map(Ok)).unwrap();
         let expected = names.into_iter().zip(values).map(|(name, value)| {
-            let (unit, cells) = ("m/s".into(), vec![Some(value), None]);
-            Series { name, unit, cells }
+            let (unit, cells) = ("m/s", vec![Some(value), None]);
+            Series::new(name, unit, cells)
         });
         assert_eq!(read(&file).unwrap(), Vec::from_iter(expected));
         let items = Items::from([(-5, "a, \"b\"".into()), (2, "".into())]);

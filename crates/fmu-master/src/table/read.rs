@@ -26,13 +26,19 @@ pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
 }
 
 fn read_as(file: &Path, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
-    match Format::from_name(file) {
-        Some(Format::Parquet) => parquet::read(file),
+    let mut table = match Format::from_name(file) {
+        Some(Format::Parquet) => parquet::read(file)?,
         _ => {
             let text = String::from_utf8(fs::read(file)?).ok();
-            parse(&text.context("it is no text in UTF-8, expected CSV")?, value)
+            parse(&text.context("it is no text in UTF-8, expected CSV")?, value)?
         }
+    };
+    // Data frames of pandas are written with their index: the time last, or the numbers of rows without a name.
+    if let Some(place) = table.iter().position(|series| series.name == "time") {
+        table[..=place].rotate_right(1);
+        table.retain(|series| !matches!(&*series.name, "" | "__index_level_0__"));
     }
+    Ok(table)
 }
 
 fn parse(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {

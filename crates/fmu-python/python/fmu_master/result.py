@@ -95,6 +95,7 @@ class Result(Mapping[str, np.ndarray]):
         Units by name; empty texts for variables without unit.
     enumerations : dict
         For each recorded enumeration, whose values are numbers, the names of its items by number.
+        In results that are read from a file, the values are the names.
     held : set of str
         Variables that keep their value from one row to the next, such as the outputs of sampled
         components.
@@ -124,6 +125,8 @@ class Result(Mapping[str, np.ndarray]):
         self.ended: str | None = about.get("ended")
         self.duration: float = about.get("duration", 0.0)
         self._summary: dict[str, dict[str, float]] | None = about.get("summary")
+        self._incomplete: set[str] = set()
+        """Columns of a file in which NaN stands for a number that is missing."""
 
     @classmethod
     def of(cls, columns: Mapping[str, Any], units: Mapping[str, str]) -> Self:
@@ -243,14 +246,43 @@ class Result(Mapping[str, np.ndarray]):
             statistics = statistics_of(dict(list(self.items())[1:]))
         return Summary(statistics, self.units, self.alarms, self.ended)
 
+    def write(self, filename: str | os.PathLike[str]) -> None:
+        """Write the columns to a file, CSV or Parquet by its name, which `read` reads.
+
+        The file is the same as the one of `cargo fmu simulate --csv`: names with units in brackets,
+        the types of the variables, and enumerations by their names (CSV) or with them (Parquet). It
+        replaces an existing file when it is complete.
+
+        Raises
+        ------
+        FmuError
+            The name does not end in .csv or .parquet, or the file cannot be written.
+        """
+        table, about = [], []
+        for name, column in self.items():
+            kind, values = _kind(column), column.tolist()
+            if items := self.enumerations.get(name, {}):
+                numbers = {item: number for number, item in items.items()}
+                kind, values = "Enumeration", [numbers.get(value, value) for value in values]
+            elif name in self._incomplete:
+                values = [None if value != value else value for value in values]
+            table.append((name, self.units.get(name, ""), values))
+            about.append((kind, items))
+        _native.write(Path(filename), table, about)
+
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a data frame of pandas whose index is the first column, such as the time [s]."""
+        """Return a data frame of pandas whose index is the first column, such as the time [s].
+
+        `to_pandas().reset_index()` has it as its first column. The units are in `attrs["units"]`.
+        """
         import pandas
 
-        return pandas.DataFrame(self._columns).set_index(next(iter(self)))
+        frame = pandas.DataFrame(self._columns).set_index(next(iter(self)))
+        frame.attrs["units"] = dict(self.units)
+        return frame
 
     def to_polars(self) -> polars.DataFrame:
-        """Return a data frame of Polars."""
+        """Return a data frame of Polars, whose first column is the time [s]."""
         import polars
 
         return polars.DataFrame(self._columns)
@@ -297,16 +329,40 @@ def read(filename: str | os.PathLike[str]) -> Result:
     FmuError
         The file cannot be read, or has no table.
     """
-    columns = _native.read(Path(filename))
-    units = {name: unit for name, unit, _ in columns}
-    return Result.of({name: _column(name, cells) for name, _, cells in columns}, units)
+    result = Result(())
+    for name, unit, items, kind, data in _native.read(Path(filename)):
+        result.units[name] = unit
+        result._columns[name] = _array(kind, data) if kind else _column(name, data)
+        if items:
+            result.enumerations[name] = items
+        if not kind and result._columns[name].dtype.kind == "f":
+            result._incomplete.add(name)
+    return result
 
 
 def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
     # Of the columns that may have no values, only that of the failures has texts.
-    if any(isinstance(cell, str) for cell in cells) or name == "failure":
-        return np.array(cells, object)
+    if any(isinstance(cell, str | bytes) for cell in cells) or name == "failure":
+        column = np.empty(len(cells), object)
+        column[:] = cells
+        return column
     return array([np.nan if cell is None else cell for cell in cells])
+
+
+def _kind(column: np.ndarray) -> str:
+    """Return the type of FMI of the values of a column."""
+    kinds = {"b": "Boolean", "i": "Int", "u": "UInt", "f": "Float", "U": "String", "S": "Binary"}
+    kind = kinds.get(column.dtype.kind, "")
+    if kind in ("Int", "UInt", "Float"):
+        return f"{kind}{min(max(8 * column.itemsize, 32 * (kind == 'Float')), 64)}"
+    if kind:
+        return kind
+    values = [value for value in column.tolist() if value is not None]
+    for of_type, kind in ((bytes, "Binary"), (bool, "Boolean"), (int, "Int64"), (float, "Float64")):
+        if values and all(isinstance(value, of_type) for value in values):
+            is_large = kind == "Int64" and max(values) >= 2**63
+            return "UInt64" if is_large else kind
+    return "String"
 
 
 def _is_equal(a: np.ndarray, b: np.ndarray) -> bool:
