@@ -20,8 +20,8 @@ use super::{ITEMS, items_of};
 pub(in crate::table) fn read(file: &Path) -> Result<Vec<Series>> {
     let file = Arc::new(File::open(file)?);
     let reader = SerializedFileReader::new(file.try_clone()?)?;
-    let columns = reader.metadata().row_groups().iter().flat_map(RowGroupMetaData::columns);
-    columns.map(check_column).collect::<Result<()>>()?;
+    let mut columns = reader.metadata().row_groups().iter().flat_map(RowGroupMetaData::columns);
+    columns.try_for_each(check_column)?;
     let about = reader.metadata().file_metadata();
     let mut table = Vec::new();
     for field in about.schema().get_fields() {
