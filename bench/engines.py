@@ -125,7 +125,7 @@ def measure(folder: Path, *, quick: bool) -> dict[str, Any]:
     Engines that are missing are left out, and the crate fmu-host if `quick`.
     """
     print("measuring: components", file=sys.stderr)
-    rounds, cycles, seconds = (2, 100, 0.5) if quick else (30, 20_000, 10)
+    rounds, cycles, seconds = (2, 100, 0.5) if quick else (30, 20_000, 5)
     given = [SIGNALS, rounds, cycles]
     costs = {} if quick else by_fmu_host(folder, rounds, cycles)
     found: dict[str, Any] = {"costs": costs, "frames": {}, "versions": {}, "sizes": {}}

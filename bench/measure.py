@@ -14,6 +14,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from itertools import product
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -174,13 +175,16 @@ class Bench:
     def compile_sources(self) -> list[Case]:
         """Compile the C sources of FMUs with each compiler; return the cases with the results."""
         compilers = {name: path for name, path in COMPILERS.items() if shutil.which(path)}
-        cases, found, level = IN_C, [], "-O2"
+        cases, level = IN_C, "-O2"
         if self.quick:
             compilers, cases, level = {"cc": COMPILERS["cc"]}, cases[:2], "-O0"
-        for case, (compiler, path) in product(cases, compilers.items()):
-            found.append(compiled(case, compiler))
-            self.host.compile(case, found[-1], path, level)
-        return found
+        jobs = [
+            (case, compiled(case, compiler), path, level)
+            for case, (compiler, path) in product(cases, compilers.items())
+        ]
+        with ThreadPool(CORES) as pool:
+            pool.starmap(self.host.compile, jobs)
+        return [to for _, to, *_ in jobs]
 
     def threads(self) -> Costs:
         """Measure a cycle in several threads, to show what the cores of the machine can bring."""

@@ -81,7 +81,7 @@ def test_the_page_has_what_was_measured(
     for model in ("Pid", "PidRbf", "Pendulum"):
         assert re.search(rf"`{model}` \| \| \|{engines}\n", texts["engines"])
     # Our own master on FMPy is not called FMPy; `make bench` installs the others.
-    one, three = r" [\d.]+ .s \|.*", r" \| \| \| [\d.]+ .s \|.*"
+    one, three = r" [\d.]+ \S*s \|.*", r" \| \| \| [\d.]+ \S*s \|.*"
     rows = dict.fromkeys(("`Instance`, in process", "`Instance`", "FMPy's own API: .*"), one)
     others = [name for name in ("libcosim", "fmuloader") if find_spec(PACKAGES[name])]
     rows |= dict.fromkeys(("our master on FMPy, .*", *others), three)
@@ -89,7 +89,7 @@ def test_the_page_has_what_was_measured(
         assert re.search(rf"^\| {name} \|{cells}$", texts["calls"], re.MULTILINE)
     for what in ("first result", "with a plot", "memory of this run"):
         assert what in texts["host"]
-    assert re.search(r"\| `FmuEnv` \| [\d.]+.* \| [\d.]+ .s \|\n", texts["environments"])
+    assert re.search(r"\| `FmuEnv` \| [\d.]+.* \| [\d.]+ \S*s \|\n", texts["environments"])
 
 
 def test_the_page_is_short_and_begins_with_a_set_a_step_and_a_get() -> None:
