@@ -1,9 +1,12 @@
 """One FMU that Python steps by hand: `fmu_master.Instance`."""
 
+import ast
+import inspect
 import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -316,14 +319,47 @@ def test_a_loop_in_a_child_has_the_values_of_one_in_this_process(fmus):
     assert rows[0] == rows[1]
 
 
-def test_a_value_that_the_fmu_refuses_is_an_error_of_the_call_that_sends_it(fmus):
-    controller = "target/fmu/PidRbf.fmu"
-    with Instance(controller, "co-simulation") as instance:
-        instance.step(0.001)
-        low = next(
-            v
-            for v in instance.variables.values()
-            if v.min is not None and v.variability == "tunable"
-        )
+def test_a_value_that_the_fmu_refuses_by_its_description_is_an_error_of_set(fmus):
+    with Instance(PENDULUM) as plant:
+        plant.step(0.001)
+        for value in (math.nan, math.inf):
+            with pytest.raises(
+                FmuError, match=r"u = .* at t = 0\.001 s: fmi2SetReal returned fmi2"
+            ):
+                plant.set("u", value)
+    with Instance("target/fmu/PidRbf.fmu", "co-simulation") as controller:
+        controller.step(0.001)
+        variables = controller.variables.values()
+        low = next(v for v in variables if v.min is not None and v.variability == "tunable")
         with pytest.raises(FmuError, match=rf"{low.name}.* returned fmi2"):
-            instance.set(low.name, low.min - 1.0)
+            controller.set(low.name, low.min - 1.0)
+
+
+def test_another_value_that_the_fmu_refuses_is_an_error_of_the_call_that_sends_it(tmp_path):
+    fmu = in_c(tmp_path / "Echo.fmu", "ON_SET=if (count == 1 && values[0] == 13) return 3")
+    with Instance(fmu) as instance:
+        for call in (lambda: instance.step(0.5), lambda: instance.get("yw"), instance.save):
+            instance.step(0.5)
+            time = instance.time
+            instance.set({"w": 13, "i": 7})
+            with pytest.raises(FmuError, match=r"w = 13 .*fmi3SetUInt64 returned fmi3Error"):
+                call()
+            assert (instance.time, instance.get_list(["yw", "yi"])) == (time, [0, 0])
+
+
+def test_a_value_that_cannot_be_got_is_no_error_of_the_step(tmp_path):
+    fmu = in_c(tmp_path / "Echo.fmu", "ON_GET=static int got; if (++got == 3) return 3")
+    with Instance(fmu) as instance:
+        for count in range(1, 6):
+            instance.set("w", count)
+            instance.step(0.5)
+            assert (instance.time, instance.get("yw")) == (0.5 * count, count)
+
+
+def test_functions_of_rust_have_the_documentation_of_their_types():
+    native = Instance.__bases__[0]
+    tree = ast.parse(Path(inspect.getfile(Instance)).with_name("_native.pyi").read_text())
+    declared = next(n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == "Instance")
+    found = {f.name: ast.get_docstring(f) for f in declared.body if ast.get_docstring(f)}
+    assert found == {name: inspect.getdoc(getattr(native, name)) for name in found}
+    assert set(found) == {"time", "set", "step", "get", "free"}

@@ -64,6 +64,9 @@ static int access(Echo *c, References r, size_t n, void *values, size_t count, b
 }
 
 int fmi3SetUInt64(Echo *c, References r, size_t n, const uint64_t *values, size_t count) {
+#ifdef ON_SET
+    ON_SET;
+#endif
     return access(c, r, n, (void *)values, count, true);
 }
 
@@ -76,6 +79,9 @@ int fmi3SetFloat64(Echo *c, References r, size_t n, const double *values, size_t
 }
 
 int fmi3GetUInt64(Echo *c, References r, size_t n, uint64_t *values, size_t count) {
+#ifdef ON_GET
+    ON_GET;
+#endif
     return access(c, r, n, values, count, false);
 }
 

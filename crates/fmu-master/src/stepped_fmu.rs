@@ -203,6 +203,7 @@ impl Names {
         let Variable { causality, variability, min, max, .. } = self.variable(scalar);
         let is_settable = *causality == Causality::Input || *variability == Variability::Tunable;
         is_settable
+            && value.as_real().is_none_or(f64::is_finite)
             && min.as_ref().is_none_or(|min| value >= min)
             && max.as_ref().is_none_or(|max| value <= max)
     }
