@@ -22,6 +22,7 @@
  *
  *     cycle   COUNT cycles of one instance: set all inputs in one call, step by 1 ms, get all
  *             outputs in one call
+ *     many    the same cycles, distributed over 1, 10, 100, 1000, 10000 instances in turn
  *     threads COUNT cycles in each of 1, 2, ... threads, one per core at most; each thread has an
  *             instance of its own; the time is the duration of all, divided by all cycles
  *     loop    COUNT steps of all FMUs, coupled: in each step one cycle of each, in their order
@@ -90,32 +91,37 @@ INLINE Status cycle(int fmi, const Fmu *fmu, Plan *plan, Component c, size_t k,
     return status;
 }
 
-/* Runs the steps from `first` up to, not including, `last`. Returns the combined status. */
-INLINE Status run_in(int fmi, const Fmu *fmu, Plan *plan, Component c, size_t first, size_t last) {
+/* Runs the steps from `first` up to, not including, `last` of every instance in turn. Returns the
+ * combined status of all calls. */
+INLINE Status run_in(int fmi, const Fmu *fmu, Plan *plan, Component *instances, size_t n,
+                     size_t first, size_t last) {
     unsigned status = OK;
     for (size_t k = first; k < last; k++)
-        status |= cycle(fmi, fmu, plan, c, k, plan->inputs[k % PERIOD]);
+        for (size_t i = 0; i < n; i++)
+            status |= cycle(fmi, fmu, plan, instances[i], k, plan->inputs[k % PERIOD]);
     return status;
 }
 
-static Status run(const Fmu *fmu, Plan *plan, Component c, size_t first, size_t last) {
-    if (fmu->fmi == 3) return run_in(3, fmu, plan, c, first, last);
-    return run_in(2, fmu, plan, c, first, last);
+static Status run(const Fmu *fmu, Plan *plan, Component *instances, size_t n, size_t first,
+                  size_t last) {
+    if (fmu->fmi == 3) return run_in(3, fmu, plan, instances, n, first, last);
+    return run_in(2, fmu, plan, instances, n, first, last);
 }
 
-/* The time (ns) per cycle. */
-static double cycle_time(Fmu *fmu, size_t count) {
+/* The time (ns) per cycle of about `count` cycles distributed over `n` instances. */
+static double cycle_time(Fmu *fmu, size_t n, size_t count) {
     Plan *plan = prepare(fmu);
-    Component c = instantiate(fmu);
-    initialize(fmu, c);
-    size_t warm = 1 + count / 8; /* the first steps fill caches */
-    must(fmu, run(fmu, plan, c, 0, warm), "a warm-up cycle");
+    Component *instances = calloc(n, sizeof *instances);
+    for (size_t i = 0; i < n; i++) initialize(fmu, instances[i] = instantiate(fmu));
+    size_t steps = (count + n - 1) / n, warm = 1 + steps / 8; /* the first steps fill caches */
+    must(fmu, run(fmu, plan, instances, n, 0, warm), "a warm-up cycle");
     double begin = now();
-    Status status = run(fmu, plan, c, warm, warm + count);
-    double time = (now() - begin) / (double)count;
+    Status status = run(fmu, plan, instances, n, warm, warm + steps);
+    double time = (now() - begin) / (double)(n * steps);
     must(fmu, status, "a cycle");
     fmu->last = plan->outputs[0];
-    end(fmu, c);
+    for (size_t i = 0; i < n; i++) end(fmu, instances[i]);
+    free(instances);
     free(plan);
     return time;
 }
@@ -127,12 +133,13 @@ static void print_times(const char *name, const double *times, size_t repeats) {
     printf("]");
 }
 
-static void measure_cycles(Fmu *fmus, size_t n_fmus, size_t count, size_t repeats) {
+static void measure_cycles(Fmu *fmus, size_t n_fmus, size_t n, size_t count, size_t repeats) {
     for (size_t repeat = 0; repeat < repeats; repeat++)
         for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++)
-            fmu->times[repeat] = cycle_time(fmu, count);
+            fmu->times[repeat] = cycle_time(fmu, n, count);
     for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++) {
-        printf("{\"fmu\": \"%s\", \"last_output\": %.17g", fmu->name, fmu->last);
+        printf("{\"fmu\": \"%s\", \"instances\": %zu, \"last_output\": %.17g", fmu->name, n,
+               fmu->last);
         print_times("ns", fmu->times, repeats);
         printf("}\n");
     }
@@ -164,10 +171,10 @@ static void *work(void *argument) {
     Component c = instantiate(fmu);
     initialize(fmu, c);
     size_t warm = 1 + worker->count / 8;
-    must(fmu, run(fmu, plan, c, 0, warm), "a warm-up cycle");
+    must(fmu, run(fmu, plan, &c, 1, 0, warm), "a warm-up cycle");
     pthread_barrier_wait(worker->start);
     worker->begin = now();
-    Status status = run(fmu, plan, c, warm, warm + worker->count);
+    Status status = run(fmu, plan, &c, 1, warm, warm + worker->count);
     worker->end = now();
     must(fmu, status, "a cycle");
     end(fmu, c);
@@ -294,9 +301,11 @@ int main(int n_words, char **words) {
         load(fmu);
     }
     make_signal();
-    if (!strcmp(mode, "cycle")) measure_cycles(fmus, n_fmus, count, repeats);
+    if (!strcmp(mode, "cycle")) measure_cycles(fmus, n_fmus, 1, count, repeats);
+    else if (!strcmp(mode, "many"))
+        for (size_t n = 1; n <= 10000; n *= 10) measure_cycles(fmus, n_fmus, n, count, repeats);
     else if (!strcmp(mode, "threads")) measure_threads(fmus, n_fmus, count, repeats);
     else if (!strcmp(mode, "loop")) measure_loop(fmus, n_fmus, count, repeats);
-    else fail(mode, "the modes are cycle, threads, loop");
+    else fail(mode, "the modes are cycle, many, threads, loop");
     return 0;
 }
