@@ -14,6 +14,7 @@ mod compare;
 mod csv;
 mod parquet;
 mod read;
+mod rows;
 mod write;
 
 pub use column::{Cell, Column, Format, Series};
@@ -21,6 +22,7 @@ pub(crate) use column::{boolean, expected};
 pub use compare::{Difference, Tolerance, compare};
 pub use csv::{fields, header, parse, push_line};
 pub use parquet::{ParquetWriter, write_parquet};
-pub use read::{read, times};
-pub(crate) use read::{read_texts, rounding};
+pub(crate) use read::read_texts;
+pub use read::{read, rounding, times};
+pub use rows::Rows;
 pub use write::write;

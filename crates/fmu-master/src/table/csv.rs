@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
 
-use super::column::{Cell, Column};
+use super::column::{Cell, Column, boolean};
 
 /// The header of a CSV file, with its line feed.
 pub fn header(columns: &[Column]) -> String {
@@ -89,6 +89,16 @@ pub fn fields(mut text: &str) -> Option<(Vec<Option<Cow<'_, str>>>, &str)> {
             _ => return None,
         }
     }
+}
+
+/// The value that a field looks like.
+pub(super) fn value(field: &str) -> Value {
+    let trimmed = field.trim();
+    let whole =
+        || trimmed.parse().map(Value::Int64).or_else(|_| trimmed.parse().map(Value::UInt64));
+    let value = boolean(trimmed).map(Value::Boolean).or_else(|| whole().ok());
+    let value = value.or_else(|| trimmed.parse().map(Value::Float64).ok());
+    value.unwrap_or_else(|| Value::String(field.to_owned()))
 }
 
 #[cfg(test)]

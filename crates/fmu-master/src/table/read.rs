@@ -1,85 +1,29 @@
 //! Reads tables: of this program, and of other programs if they have a line of names.
 
-use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use fmu_description::Value;
 
-use super::column::{Format, Series, boolean};
-use super::{csv, parquet};
+use super::column::Series;
+use super::csv::value;
+use super::rows::{Rows, time, time_column};
 
 /// Reads a table, as Parquet if the name of the file ends in `.parquet`, else as CSV.
 ///
 /// # Errors
 /// The file cannot be read, or is no table; the error does not name the file.
 pub fn read(file: &Path) -> Result<Vec<Series>> {
-    read_as(file, |_, field| value(field))
+    Rows::open(file)?.into_table()
 }
 
 /// Reads a table as [`read`] does, but keeps the fields of CSV as texts, except for the times.
 pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
-    read_as(file, |series, field| match &*series.name {
+    let value = |series: &Series, field: &str| match &*series.name {
         "time" => value(field),
         _ => Value::String(field.to_owned()),
-    })
-}
-
-fn read_as(file: &Path, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
-    let mut table = match Format::from_name(file) {
-        Some(Format::Parquet) => parquet::read(file)?,
-        _ => {
-            let text = String::from_utf8(fs::read(file)?).ok();
-            parse(&text.context("it is no text in UTF-8, expected CSV")?, value)?
-        }
     };
-    // Data frames of pandas are written with their index: the time last, or the numbers of rows without a name.
-    if let Some(place) = table.iter().position(|series| series.name == "time") {
-        table[..=place].rotate_right(1);
-        table.retain(|series| !matches!(&*series.name, "" | "__index_level_0__"));
-    }
-    Ok(table)
-}
-
-fn parse(text: &str, value: impl Fn(&Series, &str) -> Value) -> Result<Vec<Series>> {
-    // Other programs begin with a mark, end lines with two characters, and add empty lines.
-    let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
-    ensure!(!text.trim().is_empty(), "it is empty, expected a line of names in CSV");
-    let (titles, mut rest) =
-        csv::fields(text.trim_end_matches('\n')).context("line 1, expected names in CSV")?;
-    for (separator, name) in [(';', "semicolons"), ('\t', "tabs")] {
-        let is_one = matches!(&titles[..], [Some(title)] if title.contains(separator));
-        ensure!(
-            !is_one,
-            "its columns are separated by {name}, expected commas, and decimal points"
-        );
-    }
-    let titles = titles.iter().map(|title| title.as_deref().unwrap_or_default());
-    let mut table = Vec::from_iter(titles.map(Series::titled));
-    let mut line = 1;
-    while !rest.is_empty() {
-        line += 1;
-        let row;
-        (row, rest) =
-            csv::fields(rest).with_context(|| format!("line {line}, expected fields of CSV"))?;
-        let (found, expected) = (row.len(), table.len());
-        ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
-        for (series, field) in table.iter_mut().zip(row) {
-            let cell = field.map(|field| value(series, &field));
-            series.cells.push(cell);
-        }
-    }
-    Ok(table)
-}
-
-/// The value that a field looks like.
-pub(super) fn value(field: &str) -> Value {
-    let trimmed = field.trim();
-    let whole =
-        || trimmed.parse().map(Value::Int64).or_else(|_| trimmed.parse().map(Value::UInt64));
-    let value = boolean(trimmed).map(Value::Boolean).or_else(|| whole().ok());
-    let value = value.or_else(|| trimmed.parse().map(Value::Float64).ok());
-    value.unwrap_or_else(|| Value::String(field.to_owned()))
+    Rows::open_as(file, value)?.into_table()
 }
 
 /// The times of a table, its first column.
@@ -87,20 +31,10 @@ pub(super) fn value(field: &str) -> Value {
 /// # Errors
 /// There is none, or it is not in seconds, or a time is not a finite number or is before another, or a column has more or fewer values.
 pub fn times(table: &[Series]) -> Result<Vec<f64>> {
-    let series = table.first().context("there is no column, expected time")?;
-    ensure!(series.name == "time", "the first column is {:?}, expected time", series.name);
-    ensure!(matches!(&*series.unit, "" | "s"), "time is in {}, expected s", series.unit);
+    let series = time_column(table)?;
     let mut times = Vec::with_capacity(series.cells.len());
-    for row in 0..series.cells.len() {
-        let time = series.number(row).filter(|time| time.is_finite());
-        let time = time.with_context(|| {
-            let found =
-                series.cells[row].as_ref().map_or("empty".into(), |cell| format!("\"{cell}\""));
-            format!("the time of row {} is not a number, but {found}", row + 1)
-        })?;
-        let before = times.last().copied().unwrap_or(time);
-        ensure!(time >= before, "time {time:?} comes after {before:?}, expected rows in order");
-        times.push(time);
+    for (row, cell) in series.cells.iter().enumerate() {
+        times.push(time(cell, times.last().copied(), row)?);
     }
     ensure!(!times.is_empty(), "there is no row, expected at least one");
     for Series { name, cells, .. } in table {
@@ -112,7 +46,7 @@ pub fn times(table: &[Series]) -> Result<Vec<f64>> {
 
 /// How far apart times are that are the same but for rounding: what adds up from the first time on, and the
 /// digits of a time that is large itself, such as one since 1970.
-pub(crate) fn rounding(time: f64, first: f64) -> f64 {
+pub fn rounding(time: f64, first: f64) -> f64 {
     1e-9 * (time - first).abs() + 8.0 * f64::EPSILON * time.abs()
 }
 
@@ -122,8 +56,16 @@ mod tests {
 
     #[test]
     fn what_is_no_csv_is_refused_with_what_is_expected() {
+        let parse = |text: &'static str| {
+            let rows = Rows::csv(Box::new(text.as_bytes()), |_, field| value(field))?;
+            rows.into_table()
+        };
         for (text, reason) in [
             ("", "it is empty, expected a line of names in CSV"),
+            ("\n\n", "it is empty, expected a line of names in CSV"),
+            ("time,u\n1\n", "line 2 has 1 fields, expected 2"),
+            ("time,u\n0,1\n\n1,\"a\n", "line 4, expected fields of CSV"),
+            ("time,u\n0,\"a\"b\n", "line 2, expected fields of CSV"),
             (
                 "time;u\r\n0,5;1\r\n",
                 "its columns are separated by semicolons, expected commas, and decimal points",
@@ -133,11 +75,23 @@ mod tests {
                 "its columns are separated by tabs, expected commas, and decimal points",
             ),
         ] {
-            assert_eq!(parse(text, |_, field| value(field)).unwrap_err().to_string(), reason);
+            assert_eq!(parse(text).unwrap_err().to_string(), reason);
         }
-        let table = parse("time,u\n\"0,5\",1\n", |_, field| value(field)).unwrap();
+        let table = parse("time,u\n\"0,5\",1\n").unwrap();
         let refused = times(&table).unwrap_err().to_string();
         assert_eq!(refused, "the time of row 1 is not a number, but \"0,5\"");
+    }
+
+    #[test]
+    fn lines_of_other_programs_and_line_feeds_in_quotes_are_read() {
+        let text = "\u{feff}time [s],\"a\nb\",c\r\n0,\"x\r\n,\",5\" pipe\r\n\r\n1,,\n\n";
+        let rows = Rows::csv(Box::new(text.as_bytes()), |_, field| value(field)).unwrap();
+        let table = rows.into_table().unwrap();
+        let names = Vec::from_iter(table.iter().map(|series| series.name.as_str()));
+        assert_eq!(names, ["time", "a\nb", "c"]);
+        let text = |text: &str| Some(Value::String(text.into()));
+        assert_eq!(table[1].cells, [text("x\n,"), None]);
+        assert_eq!(table[2].cells, [text("5\" pipe"), None]);
     }
 
     #[test]
