@@ -1,5 +1,9 @@
 //! Pages with the traces of runs or the metrics of a sweep, which need nothing beside them.
 
+mod decimation;
+mod difference;
+mod drawing;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -11,6 +15,7 @@ use fmu_file::replace::{self, Replacement};
 use fmu_master::table::{self, Series};
 use serde_json::{Value, json};
 
+pub use self::drawing::{CompleteRun, Drawing};
 use crate::commands::info::json;
 use crate::filled;
 
@@ -54,22 +59,18 @@ impl Page {
         Replacement::new(page).map(drop)
     }
 
-    /// Draws files with the rows of runs over each other; each file has the name of its run.
+    /// Draws runs over each other.
     ///
     /// # Errors
-    /// A file is not a table with a column of times, or the page cannot be written or shown.
+    /// A row of a run cannot be read, or the page cannot be written or shown.
     pub fn draw_runs(
         &self,
         title: &str,
-        runs: &[(String, &Path)],
+        runs: impl FnOnce() -> Result<Drawing>,
         out: &mut impl Write,
     ) -> Result<()> {
         let Some(page) = &self.file else { return Ok(()) };
-        let runs = runs.iter().map(|(name, file)| {
-            let run = table::read(file).and_then(|table| run(name, &table));
-            run.with_context(|| format!("{} cannot be plotted", file.display()))
-        });
-        self.finish(page, RUNS, title, &Value::Array(runs.collect::<Result<_>>()?), out)
+        self.finish(page, RUNS, title, &runs()?.finish()?, out)
     }
 
     /// Draws the table of a sweep.
@@ -109,29 +110,6 @@ impl Page {
     }
 }
 
-/// The rows of a run by column; of a column with a text, all values are texts. Columns without values are left out.
-fn run(name: &str, table: &[Series]) -> Result<Value> {
-    // With all digits: far from zero, the digits of `f32` do not tell the times of small steps apart.
-    let time = table::times(table)?;
-    let columns = table.iter().skip(1).filter_map(|series| {
-        let is_text = series.cells.iter().flatten().any(|cell| matches!(cell, Cell::String(_)));
-        let values = series.cells.iter().enumerate().map(|(row, cell)| match is_text {
-            true => cell.as_ref().map(Cell::to_string).into(),
-            false => series.number(row).map_or(Value::Null, number),
-        });
-        let mut values = Vec::from_iter(values);
-        if values.iter().all(Value::is_null) {
-            return None;
-        }
-        if values.windows(2).all(|pair| pair[0] == pair[1]) {
-            values.truncate(1);
-        }
-        Some(json!({"name": series.name, "unit": series.unit, "values": values}))
-    });
-    let columns = Vec::from_iter(columns);
-    Ok(json!({"name": name, "time": time, "columns": columns}))
-}
-
 /// The rows of a sweep by column, of many runs those in equal distances and the best one.
 fn sweep(table: &[Series]) -> Value {
     let named = |name: &str| table.iter().position(|series| series.name == name);
@@ -157,10 +135,9 @@ fn sweep(table: &[Series]) -> Value {
     json!({"runs": runs, "parameters": parameters, "columns": Vec::from_iter(columns)})
 }
 
-/// A number with the digits of `f32`, more than a screen shows; null if it is not finite.
+/// A number with seven digits, more than a screen shows; null if it is not finite.
 fn number(number: f64) -> Value {
-    let short = (number as f32).to_string().parse::<f64>().ok();
-    json!(short.filter(|number| number.is_finite()))
+    json!(format!("{number:.6e}").parse::<f64>().ok().filter(|number| number.is_finite()))
 }
 
 /// Shows a page in the browser, which goes on without this process.
@@ -187,11 +164,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_and_whole_numbers_keep_their_digits() {
-        let series = |name: &str, value: Cell| Series::new(name, "", vec![Some(value)]);
-        let page = run("a", &[series("time", Cell::Float64(100_000.001))]).unwrap();
-        assert_eq!(page["time"], json!([100_000.001]));
-        let page = sweep(&[series("seed", Cell::UInt64(u64::MAX))]);
+    fn whole_numbers_of_a_sweep_keep_their_digits() {
+        let page = sweep(&[Series::new("seed", "", vec![Some(Cell::UInt64(u64::MAX))])]);
         assert_eq!(page["columns"][0]["values"], json!([u64::MAX]));
     }
 }

@@ -92,7 +92,7 @@ pub use given_inputs::{GivenInput, GivenInputs};
 pub use literal::Literal;
 pub use messages::{Level, Message, Messages};
 pub use note::{Advice, Note, NoteOptions};
-pub use overrides::Overrides;
+pub use overrides::{Overrides, assignment};
 pub use package::SystemOrigin;
 pub use plan::Plan;
 pub use simulation::{Row, Simulation};

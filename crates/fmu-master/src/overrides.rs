@@ -98,7 +98,10 @@ fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
 }
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.
-fn assignment(text: &str) -> Result<(String, Literal)> {
+///
+/// # Errors
+/// There is no equals sign.
+pub fn assignment(text: &str) -> Result<(String, Literal)> {
     let (mut is_quoted, mut last) = (false, '.');
     let end = text.find(|c| {
         // An apostrophe within a part of a name is no quote.

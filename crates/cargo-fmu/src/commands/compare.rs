@@ -8,7 +8,8 @@ use clap::Args;
 use fmu_description::Value;
 use fmu_master::table::{self, Cell, Tolerance};
 
-use crate::plot::Page;
+use super::files::stem;
+use crate::plot::{CompleteRun, Drawing, Page};
 use crate::ui;
 
 /// The results to compare, and how exactly.
@@ -78,7 +79,12 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
             writeln!(out, "{}", ui::wrapped(&text))?;
         }
     }
-    let runs = Vec::from_iter(shown.into_iter().zip(files.map(PathBuf::as_path)));
-    args.page.draw_runs("Comparison", &runs, out)?;
+    let stems = files.map(|file| stem(file));
+    let [reference_name, name] = if stems[0] == stems[1] { shown } else { stems };
+    let draw = || {
+        let reference = CompleteRun::of(reference_name, reference)?;
+        Drawing::of_runs(CompleteRun::of(name, results)?, vec![reference])
+    };
+    args.page.draw_runs("Comparison", draw, out)?;
     Ok(differences.is_empty())
 }

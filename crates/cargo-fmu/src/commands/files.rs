@@ -1,6 +1,6 @@
 //! The files that a command takes, of which a shell may have left patterns as they are: on Windows, none expands them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
@@ -24,6 +24,11 @@ pub(super) fn expanded(files: &[PathBuf]) -> Result<Vec<PathBuf>> {
         all.extend(matching);
     }
     Ok(all)
+}
+
+/// The name of a file without its folder and extension.
+pub fn stem(file: &Path) -> String {
+    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ pub mod info;
 mod limits;
 pub mod merge;
 pub mod new;
+mod over;
 pub mod run;
 pub mod simulate;
 pub mod ssp;

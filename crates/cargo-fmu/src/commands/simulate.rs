@@ -1,8 +1,7 @@
 //! Supervisor side of `cargo fmu simulate`: one run of an FMU or of a system of coupled FMUs, in a worker process, since
 //! an FMU may crash, hang or exit.
 
-use std::cell::RefCell;
-use std::fs;
+use std::cell::{OnceCell, RefCell};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -10,16 +9,19 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use fmu_description::{Type, Value};
-use fmu_file::replace;
 use fmu_master::job::{self, Job, SystemSource};
-use fmu_master::run::{self, RunOutcome, SupervisedRun, Watch};
+use fmu_master::run::{self, Ready, RunOutcome, SupervisedRun, Watch};
 use fmu_master::table::{Format, header, push_line};
-use fmu_master::{Column, Compilation, Experiment, Message, Overrides, Row, Statistics};
+use fmu_master::{
+    Column, Compilation, Computed, Experiment, Literal, Message, Overrides, Row, Statistics,
+};
 use indicatif::ProgressBar;
 
+use super::files::stem;
 use super::limits::Limited;
+use super::over::{self, OtherRun, other_run};
 use super::stale;
-use crate::plot::Page;
+use crate::plot::{CompleteRun, Drawing, Page};
 use crate::progress::{Clock, speed};
 use crate::session::{self, Session};
 use crate::ui;
@@ -41,9 +43,10 @@ pub struct SimulateArgs {
     enumerations: Items,
     #[command(flatten)]
     pub(super) page: Page,
-    /// On the page, draw the file of another run, too; may be repeated
-    #[arg(long, value_name = "FILE.csv", requires = "file")]
-    over: Vec<PathBuf>,
+    /// On the page, draw another run, too: of a file, or with other start values, such as controller.pid.kp=250; may be
+    /// repeated
+    #[arg(long, value_name = "FILE or NAME=VALUE", requires = "file", value_parser = other_run)]
+    over: Vec<OtherRun>,
     /// Print what the FMUs log as information, too, of all categories or of these: `--log=logModel` has the messages of
     /// models in Rust
     #[arg(long, value_name = "CATEGORIES", num_args = 0..=1, require_equals = true, value_delimiter = ',')]
@@ -99,16 +102,21 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
         out
     };
     let printer = RefCell::new(Printer::default());
+    let (name, others) = args.other_runs(session)?;
+    let others = RefCell::new(others);
+    let drawing: OnceCell<RefCell<Drawing>> = OnceCell::new();
+    let draw = |ready: &Ready| {
+        drawing.get_or_init(|| {
+            let (name, others) = (name.clone(), others.take());
+            RefCell::new(Drawing::new(name, &ready.columns, &ready.traces, others))
+        })
+    };
     let limits = args.limited.limits(1)?;
     let mut worker = job::start(&mut command, session.folder(), limits, &args.job())?;
     let progress = Progress::new()?;
-    let unsaved = session.folder().join("rows.csv");
-    // A page is drawn of rows that can be read again, which a device or a pipe does not allow.
-    let (csv, page) = (args.csv.as_deref().filter(|_| !is_printed), &args.page.file);
-    let file = csv.filter(|csv| page.is_none() || replace::part_file(csv).is_some());
-    let rows = file.or(page.as_ref().map(|_| &*unsaved));
+    let (rows, has_page) = (args.csv.as_deref().filter(|_| !is_printed), args.page.file.is_some());
     let watch = Watch {
-        keeps_rows: file.is_some(),
+        keeps_rows: rows.is_some(),
         names_items: args.enumerations == Items::Names,
         keeps_worker: false,
         is_cancelled: &|| session.signal().is_some() || printer.borrow().failure.is_some(),
@@ -121,8 +129,12 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
             if is_printed {
                 printer.borrow_mut().print(&ready.columns, row);
             }
+            if has_page {
+                let values = row.values(&ready.columns).map(Some);
+                draw(ready).borrow_mut().push(row.time, values);
+            }
         },
-        compute: &|_, _, _| Err("a system file has no functions".to_owned()),
+        compute: &no_function,
     };
     let outcome = run::supervise(&mut worker, rows, &watch)?;
     progress.bar.finish_and_clear();
@@ -130,17 +142,13 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
     match outcome {
         RunOutcome::Finished(finished) => {
             args.print(&finished.completed.messages);
-            if let (None, Some(device)) = (file, csv) {
-                replace::write(device, &fs::read(&unsaved)?)?;
-            }
             report(&mut out, &finished)?;
-            if let (Some(rows), Some(path)) = (finished.rows, csv) {
-                writeln!(out, "wrote {}: {}", path.display(), ui::count(rows, "row"))?;
+            if let (Some(count), Some(path)) = (finished.rows, rows) {
+                writeln!(out, "wrote {}: {}", path.display(), ui::count(count, "row"))?;
             }
-            if let Some(rows) = rows {
-                let mut runs = vec![("this run".to_owned(), rows)];
-                runs.extend(args.over.iter().map(|file| (stem(file), file.as_path())));
-                args.page.draw_runs(&stem(&args.system), &runs, &mut out)?;
+            draw(&finished.ready);
+            if let Some(drawing) = drawing.into_inner() {
+                args.page.draw_runs(&stem(&args.system), || Ok(drawing.into_inner()), &mut out)?;
             }
             if let Some(ended) = finished.crash {
                 ui::warn(&format!("after the simulation, the process {ended}"));
@@ -181,18 +189,80 @@ impl SimulateArgs {
         }
     }
 
+    /// The name of the run, and the other runs of its page.
+    fn other_runs(&self, session: &Session) -> Result<(String, Vec<CompleteRun>)> {
+        let (name, names) =
+            over::names(&self.system, &self.changes, self.csv.as_deref(), &self.over);
+        let runs = self.over.iter().zip(names).enumerate();
+        let runs = runs.map(|(number, (run, name))| match run {
+            OtherRun::Recorded(file) => CompleteRun::read(name, file),
+            OtherRun::Changed(changes) => {
+                let file = session.folder().join(format!("over-{number}.csv"));
+                let run = self.run_with(changes, &file, session);
+                run.with_context(|| format!("--over {name}"))?;
+                CompleteRun::read(name, &file)
+            }
+        });
+        Ok((name, runs.collect::<Result<_>>()?))
+    }
+
+    /// Runs the system with other start values, and writes the rows to a file.
+    fn run_with(
+        &self,
+        changes: &[(String, Literal)],
+        file: &Path,
+        session: &Session,
+    ) -> Result<()> {
+        let progress = Progress::new()?;
+        let mut overrides = self.changes.clone();
+        overrides.sets.retain(|(set, _)| !changes.iter().any(|(name, _)| name == set));
+        overrides.sets.extend_from_slice(changes);
+        let mut command = session::worker()?;
+        command.stdout(io::stderr());
+        let (limits, job) = (self.limited.limits(1)?, self.job_with(overrides));
+        let mut worker = job::start(&mut command, session.folder(), limits, &job)?;
+        let watch = Watch {
+            keeps_rows: false,
+            names_items: self.enumerations == Items::Names,
+            keeps_worker: false,
+            is_cancelled: &|| session.signal().is_some(),
+            warn: &ui::warn,
+            progress: &|ready, time| progress.show(ready.experiment, time),
+            row: &|_, _| {},
+            compute: &no_function,
+        };
+        let outcome = run::supervise(&mut worker, Some(file), &watch)?;
+        progress.bar.finish_and_clear();
+        match outcome {
+            RunOutcome::Finished(_) => Ok(()),
+            RunOutcome::Failed { error, .. } => {
+                bail!("{error}{}", error.advice.as_ref().map(ui::advice).unwrap_or_default())
+            }
+            RunOutcome::Cancelled { .. } => bail!("interrupted"),
+        }
+    }
+
     /// The job of the worker process.
     fn job(&self) -> Job {
+        self.job_with(self.changes.clone())
+    }
+
+    /// The job of a run with other overrides.
+    fn job_with(&self, changes: Overrides) -> Job {
         let (file, sandbox) = (self.system.clone(), self.limited.sandbox());
         let compilation = Compilation { is_wanted: self.compile, cache: None };
-        let overrides = Overrides { sandbox, compilation, ..self.changes.clone() };
+        let overrides = Overrides { sandbox, compilation, ..changes };
         let records = self.csv.is_some() || self.page.file.is_some();
         Job::Run { system: SystemSource { file, overrides, ..SystemSource::default() }, records }
     }
 
     /// Checks before the run what would be found after it.
     fn check_files(&self) -> Result<()> {
-        for file in self.changes.input.iter().chain(&self.over) {
+        let over = self.over.iter().filter_map(|run| match run {
+            OtherRun::Recorded(file) => Some(file),
+            OtherRun::Changed(_) => None,
+        });
+        for file in self.changes.input.iter().chain(over) {
             let read = file.canonicalize();
             let read = read.with_context(|| format!("cannot read {}", file.display()))?;
             let mut written = self.csv.iter().chain(&self.page.file);
@@ -222,9 +292,9 @@ impl SimulateArgs {
     }
 }
 
-/// The name of a file without its folder and extension.
-pub fn stem(file: &Path) -> String {
-    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+/// A system file has no functions, which a supervisor computes.
+fn no_function(_: usize, _: f64, _: &[Value]) -> Computed {
+    Err("a system file has no functions".to_owned())
 }
 
 fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {

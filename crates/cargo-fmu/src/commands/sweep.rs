@@ -13,8 +13,8 @@ use fmu_master::sweep::{Outline, Study, SweepProgress, SweepSource, Workers, pro
 use fmu_master::{Compilation, Overrides};
 use indicatif::ProgressBar;
 
+use super::files::stem;
 use super::limits::Limited;
-use super::simulate::stem;
 use crate::plot::Page;
 use crate::progress::Clock;
 use crate::session::{self, Session};

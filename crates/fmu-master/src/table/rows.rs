@@ -60,8 +60,9 @@ impl Rows {
 
     /// The rows of a table.
     pub fn of(table: Vec<Series>) -> Self {
-        let columns = table.into_iter().map(|Series { name, unit, cells }| {
-            (Series { name, unit, cells: Vec::new() }, cells.into_iter())
+        let columns = table.into_iter().map(|mut series| {
+            let cells = std::mem::take(&mut series.cells);
+            (series, cells.into_iter())
         });
         let (columns, cells) = columns.unzip();
         Self { columns, source: Source::Table(cells) }
