@@ -1,11 +1,20 @@
 """What the Python module tells the user: messages of FMUs, and answers to mistakes."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fmu_master import FmuError, Message, System, python_component, simulate, sweep
+from fmu_master import (
+    FmuError,
+    Message,
+    System,
+    _keys,
+    python_component,
+    simulate,
+    sweep,
+)
 from native import LOOPS, run
 
 PENDULUM = "target/fmu/Pendulum.fmu"
@@ -207,3 +216,47 @@ def test_what_a_run_replaces_may_be_missing_from_a_system(fmus):
     result = system.simulate(step_size=0.01, stop_time=0.1)
     assert list(result) == ["time", "plant.theta"]
     assert result["time"][-1] == pytest.approx(0.1)
+
+
+SYSTEM_FILE = """
+step = 0.1
+stop = 1.0
+{0}
+[[component]]
+name = "plant"
+fmu = "Pendulum.fmu"
+{1}
+"""
+SWEEP_FILE = """
+{0}
+system = "system.toml"
+[[parameter]]
+variable = "plant.M"
+values = [1.0]
+{1}
+[signals]
+reference = "plant.x"
+output = "plant.theta"
+error = "plant.theta"
+control = "plant.u"
+{2}
+[metrics]
+{3}
+"""
+
+
+def test_python_knows_the_keys_of_the_files(tmp_path):
+    """The reader of each file lists its keys when it finds an unknown one."""
+
+    def known(command: str, text: str, place: int) -> set[str]:
+        (tmp_path / "a.toml").write_text(
+            text.format(*("nosuch = 1" * (n == place) for n in range(4)))
+        )
+        said = run(command, "a.toml", cwd=tmp_path).stderr
+        return set(re.findall(r"`(\w+)`", said.partition("unknown field `nosuch`, expected")[2]))
+
+    system = set(_keys.SYSTEM) - {"components"} | {"component"}
+    assert known("simulate", SYSTEM_FILE, 0) == system
+    assert known("simulate", SYSTEM_FILE, 1) == {"name", *_keys.COMPONENT}
+    for place, keys in enumerate((_keys.SWEEP, _keys.PARAMETER, _keys.SIGNALS, _keys.METRICS)):
+        assert known("sweep", SWEEP_FILE, place) == set(keys)

@@ -132,6 +132,9 @@ PARAMETER = {
 }
 """The keys of a parameter of a sweep."""
 
+METRICS = {"band": NUMBER, "limit": NUMBER}
+"""The keys of the metrics of a sweep."""
+
 
 def shown(value: object) -> str:
     """Return a value in a message, of which a large one is shortened."""
@@ -285,4 +288,4 @@ def check_sweep(plan: Mapping[str, Any]) -> None:
         example = ", ".join(f'"{name}": "component.variable"' for name in SIGNALS)
         name = "signals" if len(missing) == len(SIGNALS) else f"signals: {missing[0]}"
         raise FmuError(f"sweep: {name} is missing, expected signals={{{example}}}")
-    check(plan.get("metrics") or {}, {"band": NUMBER, "limit": NUMBER}, "sweep: metrics: ")
+    check(plan.get("metrics") or {}, METRICS, "sweep: metrics: ")
