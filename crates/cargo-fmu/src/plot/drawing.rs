@@ -66,7 +66,8 @@ impl CompleteRun {
     /// # Errors
     /// As [`CompleteRun::read`].
     pub fn of(name: String, table: Vec<Series>) -> Result<Self> {
-        let titles = table.iter().map(|Series { name, unit, .. }| Series::new(name, unit, Vec::new()));
+        let titles =
+            table.iter().map(|Series { name, unit, .. }| Series::new(name, unit, Vec::new()));
         let times = table::times(&table)?.into_iter().enumerate();
         let row = |row: usize| Vec::from_iter(table.iter().map(|series| series.cells[row].clone()));
         let columns =

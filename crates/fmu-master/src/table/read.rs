@@ -64,6 +64,7 @@ mod tests {
             ("", "it is empty, expected a line of names in CSV"),
             ("\n\n", "it is empty, expected a line of names in CSV"),
             ("time,u\n1\n", "line 2 has 1 fields, expected 2"),
+            (",time\n0,1,2\n", "line 2 has 3 fields, expected 2"),
             ("time,u\n0,1\n\n1,\"a\n", "line 4, expected fields of CSV"),
             ("time,u\n0,\"a\"b\n", "line 2, expected fields of CSV"),
             (

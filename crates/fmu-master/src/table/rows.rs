@@ -132,8 +132,11 @@ impl Rows {
                 let row = csv::fields(line).filter(|(_, rest)| rest.is_empty());
                 let (mut row, _) =
                     row.with_context(|| format!("line {number}, expected fields of CSV"))?;
-                let (found, expected) = (row.len(), columns.len());
-                ensure!(found == expected, "line {number} has {found} fields, expected {expected}");
+                let found = row.len();
+                ensure!(
+                    found == *expected,
+                    "line {number} has {found} fields, expected {expected}"
+                );
                 let cells = columns.iter().zip(places).map(|(column, place)| {
                     let field = row[*place].take();
                     field.map(|field| value(column, &field))
