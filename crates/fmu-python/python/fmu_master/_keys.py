@@ -164,11 +164,11 @@ def system_keys(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     components = normal.pop("components", {})
     if isinstance(normal.get("component"), Mapping):
         raise FmuError(unknown("field", "component", list(SYSTEM)))
+    check({key: value for key, value in normal.items() if key != "component"}, SYSTEM)
     if not isinstance(components, Mapping) or not (components or normal.get("component")):
         raise TypeError(f"components = {components!r}, expected a dict from names to FMUs")
     parts = [_component(name, about) for name, about in components.items()]
     parts = parts or [dict(table) for table in normal["component"]]
-    check({key: value for key, value in normal.items() if key != "component"}, SYSTEM)
     for part in parts:
         name = part.get("name")
         check({k: v for k, v in part.items() if k != "name"}, COMPONENT, f"component {name}: ")
