@@ -4,13 +4,12 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use fmu_master::RunError;
 use fmu_master::vector::{Outcome, Share, Task};
-use fmu_worker::{Event, Worker};
+use fmu_worker::Worker;
 use pyo3::prelude::*;
 
 use crate::error::{FmuError, to_exception};
-use crate::run::PERIOD;
+use crate::reply::receive;
 
 /// Who calls the instances of a share. Tasks are sent to all callers before the outcome of the first is received.
 pub enum Caller {
@@ -38,27 +37,6 @@ impl Caller {
             Self::Process(worker) => receive(worker, names)?,
         };
         outcome.map_err(|error| to_exception(*error))
-    }
-}
-
-/// Waits for the outcome of a worker, and looks at Ctrl-C.
-fn receive(
-    worker: &mut Worker,
-    names: impl FnOnce() -> Vec<(String, String)>,
-) -> PyResult<Outcome> {
-    let mut looked = Instant::now();
-    loop {
-        match worker.poll()? {
-            Some(Event::Replied) => return Ok(worker.reply()?),
-            Some(Event::Ended(ended)) => {
-                return Ok(Err(RunError::crash(worker, &names(), &ended.to_string())));
-            }
-            None if looked.elapsed() >= PERIOD => {
-                looked = Instant::now();
-                Python::attach(|py| py.check_signals())?;
-            }
-            None => worker.pause(),
-        }
     }
 }
 

@@ -2,17 +2,16 @@
 //! wait for the next request, and the values that were got after one step come with the response to the next.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use cargo_fmu::session::Session;
 use fmu_description::Value;
-use fmu_master::RunError;
 use fmu_master::stepped_fmu::{Names, Reply, Request, Response};
 use fmu_worker::{Event, Worker};
 use pyo3::prelude::*;
 
 use crate::error::to_exception;
-use crate::run::PERIOD;
+use crate::reply::receive;
 
 /// The time that a worker has to free the FMU.
 pub const FAREWELL: Duration = Duration::from_secs(2);
@@ -101,28 +100,7 @@ impl Child {
 
     /// Waits for the reply of the worker; Ctrl-C ends the worker.
     pub fn receive(&mut self, py: Python<'_>, names: &Names) -> PyResult<Reply> {
-        let worker = &mut self.worker;
-        py.detach(|| {
-            let mut looked = Instant::now();
-            loop {
-                match worker.poll()? {
-                    Some(Event::Replied) => return Ok(worker.reply::<Reply>()?),
-                    Some(Event::Ended(ended)) => {
-                        let names = [names.names()];
-                        let ended = ended.to_string();
-                        return Err(to_exception(*RunError::crash(worker, &names, &ended)));
-                    }
-                    None if looked.elapsed() >= PERIOD => {
-                        looked = Instant::now();
-                        if let Err(raised) = Python::attach(|py| py.check_signals()) {
-                            worker.kill()?;
-                            return Err(raised);
-                        }
-                    }
-                    None => worker.pause(),
-                }
-            }
-        })
+        py.detach(|| receive(&mut self.worker, || vec![names.names()]))
     }
 
     /// Whether the worker can receive no more requests.

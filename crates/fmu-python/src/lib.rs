@@ -7,6 +7,7 @@ mod caller;
 mod child;
 mod error;
 mod instance;
+mod reply;
 mod run;
 mod sweep;
 mod tables;
