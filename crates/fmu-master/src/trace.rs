@@ -1,6 +1,6 @@
 //! How a plot draws the recorded variables: which keep their value between rows, and which is the set-point of which.
 //!
-//! A set-point has the name of one: `r`, `reference`, `setpoint` and the others of [`SET_POINTS`], or with such a word
+//! A set-point has the name of one: `r`, `reference`, `setpoint` and the others of `SET_POINTS`, or with such a word
 //! before or after a quantity, `speed_ref`. It belongs to another variable of the same unit, by the first of these that
 //! finds one:
 //!
