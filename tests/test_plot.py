@@ -113,7 +113,11 @@ def test_a_run_is_drawn_over_others_with_other_start_values(program, fmus, tmp_p
     result = run("simulate", SYSTEM, "--stop=0.01", "--plot", page, *over)
     assert (result.returncode, result.stderr) == (0, "")
     runs = data(page)
-    assert [shown["name"] for shown in runs] == ["kp=300, theta0=0", "kp=100", "kp=1000, theta0=0.1"]
+    assert [shown["name"] for shown in runs] == [
+        "kp=300, theta0=0",
+        "kp=100",
+        "kp=1000, theta0=0.1",
+    ]
     first = [column(shown, "plant.theta")["values"][0] for shown in runs]
     assert first[:2] == [first[0]] * 2
     assert first[2] == pytest.approx(0.1, abs=1e-3)
@@ -147,7 +151,7 @@ def test_a_page_of_many_rows_is_small_and_keeps_extremes(tmp_path):
     page = tmp_path / "page.html"
     assert run("compare", *files, "--plot", page).returncode == 1
     assert page.stat().st_size < 2e6
-    [second, first] = data(page)
+    [_, first] = data(page)
     assert (first["rows"], first["interval"]) == (rows, 2 ** int(np.log2(first["interval"])))
     assert len(first["time"]) == 2 * -(-rows // first["interval"]) <= 2 * 4096
     interval = 123_457 // first["interval"]
@@ -160,7 +164,16 @@ def test_a_page_of_many_rows_is_small_and_keeps_extremes(tmp_path):
 
 
 def test_the_page_draws_any_values_and_names(browser: Browser, tmp_path):
-    names = ["<script>alert(1)</script> [m]", "gap", "none", "huge", "tiny", "constant [K]", "on", "mode"]
+    names = [
+        "<script>alert(1)</script> [m]",
+        "gap",
+        "none",
+        "huge",
+        "tiny",
+        "constant [K]",
+        "on",
+        "mode",
+    ]
     rows = [
         ["0", "1", "1.5", "NaN", "1e300", "1e-300", "293.15", "true", "IDLE"],
         ["1", "2", "NaN", "inf", "-1e300", "3e-300", "293.15", "false", "a, long " + 60 * "b"],
@@ -169,11 +182,24 @@ def test_the_page_draws_any_values_and_names(browser: Browser, tmp_path):
     file, page_file = tmp_path / "a.csv", tmp_path / "page.html"
     for count in (3, 1):
         lines = [["time", *names], *rows[:count]]
-        file.write_text("".join(",".join(f'"{cell}"' if " " in cell else cell for cell in line) + "\n" for line in lines))
+        file.write_text(
+            "".join(
+                ",".join(f'"{cell}"' if " " in cell else cell for cell in line) + "\n"
+                for line in lines
+            )
+        )
         assert run("compare", file, file, "--plot", page_file).returncode == 0
         page = opened(browser, page_file, 390, "light")
         titles = page.locator("h2").all_inner_texts()
-        assert titles == ["<script>alert(1)</script>", "gap", "huge", "tiny", "constant", "on", "mode"]
+        assert titles == [
+            "<script>alert(1)</script>",
+            "gap",
+            "huge",
+            "tiny",
+            "constant",
+            "on",
+            "mode",
+        ]
         assert "none" in page.inner_text("#not-drawn")
         assert ("1 value" in page.inner_text("main")) == (count == 3)
         page.context.close()
