@@ -203,7 +203,7 @@ def simulated(controller: str, fmus: Path) -> tuple[Components, dict]:
     return described_loop(loop, fmus), results
 
 
-@on([*BINARIES, IN_C[0]], "controller, version", *((controller, "2") for controller in LOOPS))
+@on(BINARIES, "controller, version", *((controller, "2") for controller in LOOPS))
 def test_a_host_gives_the_bits_of_the_python_master(
     machine, host, controller, version, fmus, tmp_path
 ):
@@ -217,12 +217,13 @@ def test_a_host_gives_the_bits_of_the_python_master(
 
 
 @functools.cache
-def table_1_of_the_binaries(version: str, fmus: Path, folder: Path) -> list[tuple]:
-    """Run the loops of Table 1 with the binaries; return each, its components, and the results."""
+def loops_of_the_binaries(version: str, fmus: Path, folder: Path) -> list[tuple]:
+    """Run the loops of Table 1 and `LOOPS` with the binaries; return each, components, results."""
     files = [fmus / f"{name}.fmu" for name in stems(version)]
     program, binaries = NATIVE.host(f"loop{version}", files, folder)
     runs = []
-    for loop in sorted(table1.runs(), key=repr):
+    covering = [Loop(controller, steps=STEPS, **about) for controller, about in LOOPS.items()]
+    for loop in [*sorted(table1.runs(), key=repr), *covering]:
         components = described_loop(replace(loop, fmi3=("all",) * (version == "3")), fmus)
         results = run_loop(NATIVE, program, binaries, components, loop.steps, folder / "results")
         runs.append((loop, components, results))
@@ -230,13 +231,13 @@ def table_1_of_the_binaries(version: str, fmus: Path, folder: Path) -> list[tupl
 
 
 @on(C_SOURCES, "version", ("2",), ("3",))
-def test_c_sources_give_the_bits_of_the_binaries_in_all_loops_of_table_1(
+def test_c_sources_give_the_bits_of_the_binaries_in_all_loops(
     machine, host, version, fmus, tmp_path_factory, tmp_path
 ):
     folder = tmp_path_factory.getbasetemp() / f"binaries{version}"
     folder.mkdir(exist_ok=True)
     compiled = host(f"loop{version}", *stems(version))
-    for loop, components, expected in table_1_of_the_binaries(version, fmus, folder):
+    for loop, components, expected in loops_of_the_binaries(version, fmus, folder):
         # The last row of the table has all controllers; an emulator takes seconds for each loop.
         if machine.emulator and (loop.signal, loop.disturbance) != ("square", 1.0):
             continue
