@@ -20,7 +20,9 @@ def bar(is_wanted: bool) -> Iterator[Show | None]:
         warnings.simplefilter("ignore")  # of notebooks without widgets, where the bar is text
         from tqdm.auto import tqdm
     style = "{percentage:3.0f}%|{bar}| {desc}"
-    with tqdm(total=1.0, bar_format=style, leave=False, miniters=0, dynamic_ncols=True) as shown:
+    # The native module limits how often the bar changes.
+    often = {"miniters": 0, "mininterval": 0}
+    with tqdm(total=1.0, bar_format=style, leave=False, dynamic_ncols=True, **often) as shown:
 
         def show(part: float, text: str) -> None:
             shown.set_description_str(text, refresh=False)
