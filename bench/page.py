@@ -45,19 +45,15 @@ class Ratio:
         """What is compared with what."""
         return f"{self.what}, relative to {self.to}"
 
-    def shown(self, costs: Sequence[float]) -> str:
-        """Return the median of costs with its unit."""
-        return (megabytes if "memory" in self.what else ns)(median(costs))
-
     @property
     def time(self) -> str:
         """What it costs."""
-        return self.shown(self.ours)
+        return ns(median(self.ours))
 
     @property
     def other_time(self) -> str:
         """What the other costs."""
-        return self.shown(self.other)
+        return ns(median(self.other))
 
     @property
     def rounds(self) -> list[float]:

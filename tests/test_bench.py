@@ -87,7 +87,7 @@ def test_the_page_has_what_was_measured(
     rows |= dict.fromkeys(("our master on FMPy, .*", *others), three)
     for name, cells in rows.items():
         assert re.search(rf"^\| {name} \|{cells}$", texts["calls"], re.MULTILINE)
-    for what in ("first result", "with a plot", "memory of this run"):
+    for what in ("first result", "with a plot", "MB of memory"):
         assert what in texts["host"]
     assert re.search(r"\| `FmuEnv` \| [\d.]+.* \| [\d.]+ \S*s \|\n", texts["environments"])
 
