@@ -53,7 +53,7 @@ pub fn speed(factor: f64) -> String {
     format!("{factor:.digits$} times real time")
 }
 
-/// The time that is left after some seconds, once they tell it.
+/// The time that is left after some seconds, once it can be estimated.
 fn left(part: f64, seconds: f64) -> String {
     if part <= 0.0 || seconds < 0.2 {
         return String::new();

@@ -87,7 +87,7 @@ fn a_controller_without_integral_action_does_not_wind_up() {
 #[test]
 fn step_responses_of_filters_are_those_of_tustins_rule() {
     let (dt, t) = (0.1, 0.7_f64);
-    // With the trapezoid rule, what is left of a step shrinks by this factor.
+    // With the trapezoid rule, the remainder of a step shrinks by this factor.
     let factor = (2.0 * t - dt) / (2.0 * t + dt);
     let mut low = FirstOrder { gain: 3.0, time_constant: t, ..FirstOrder::default() };
     let mut high = HighPass { gain: 3.0, time_constant: t, ..HighPass::default() };

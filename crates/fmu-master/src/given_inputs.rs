@@ -21,7 +21,7 @@ pub struct GivenInput {
     pub series: Series,
     /// The lengths of their dimensions.
     pub shape: Vec<usize>,
-    /// Whether the first dimension is the time; else the values are constant. If it is `None`, the shape tells.
+    /// Whether the first dimension is the time; else the values are constant. `None` if that follows from the shape.
     pub is_over_time: Option<bool>,
 }
 

@@ -29,7 +29,7 @@ pub struct Message {
 /// How grave a message is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Level {
-    /// It tells what happens.
+    /// Information about what happens.
     Info,
     /// The instance goes on, but something is unusual.
     Warning,

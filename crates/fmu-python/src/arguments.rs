@@ -105,7 +105,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
 }
 
 /// The times of inputs; and of each input its name, unit, values in a row, their shape, and whether its first dimension is
-/// the time, None if the shape tells.
+/// the time, None if that follows from the shape.
 type Inputs<'py> = (Cells<'py>, Vec<(String, String, Cells<'py>, Vec<usize>, Option<bool>)>);
 
 fn inputs((times, inputs): &Inputs<'_>) -> PyResult<GivenInputs> {

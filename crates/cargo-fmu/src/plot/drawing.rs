@@ -32,7 +32,7 @@ pub struct Drawing {
 
 /// A complete run, whose rows are read as the page needs them.
 pub struct CompleteRun {
-    /// What tells it from the others.
+    /// Its name in the legend, by what differs from the other runs.
     name: String,
     columns: Vec<Column>,
     rows: TimedRows,
@@ -335,7 +335,7 @@ const DIGITS: f64 = 7.0;
 /// The digits of an `f64`.
 const MOST_DIGITS: f64 = 17.0;
 
-/// Numbers with as many digits as tell them apart on a screen; null for NaN.
+/// Numbers with as many digits as a screen can show; null for NaN.
 fn numbers(values: &[f64]) -> Vec<Value> {
     let known = || values.iter().copied().filter(|value| !value.is_nan());
     let (least, most) =

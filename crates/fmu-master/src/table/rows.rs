@@ -45,7 +45,7 @@ impl Rows {
         Self::open_as(file, |_, field| value(field))
     }
 
-    /// Opens a table; fields of CSV have the values that a function tells.
+    /// Opens a table; a function converts the fields of CSV.
     pub(super) fn open_as(file: &Path, value: fn(&Series, &str) -> Value) -> Result<Self> {
         match Format::from_name(file) {
             Some(Format::Parquet) => {

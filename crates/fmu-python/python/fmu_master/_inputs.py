@@ -11,7 +11,7 @@ from ._values import columns
 
 Given = tuple[list[Any], list[tuple[str, str, list[Any], tuple[int, ...], bool | None]]]
 """The times [s]; and of each input its name, unit, values in a row, their shape, and whether its
-first dimension is the time, None if the shape tells."""
+first dimension is the time, None if that follows from the shape."""
 
 
 def inputs(given: Any, units: Mapping[str, str], points: Callable[[], list[float]]) -> Given:

@@ -114,7 +114,7 @@ class Runs:
         ]
 
     def edges(self, metric: str) -> dict[str, str]:
-        """Return the parameters whose best value is at an end of their range, and what it tells."""
+        """Return the parameters whose best value is at an end of their range, with a hint."""
         found: dict[str, str] = {}
         for row in self.best(metric):
             for name, (values, names) in self.varied.items():

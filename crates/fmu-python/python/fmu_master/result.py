@@ -230,8 +230,8 @@ class Result(Mapping[str, np.ndarray]):
     def set_points(self) -> dict[str, str]:
         """For each signal that follows a recorded set-point, the name of that set-point.
 
-        A set-point has the name of one, such as `r`, `setpoint` or `speed_ref`. The connections,
-        the names and the units tell what follows it.
+        A set-point has the name of one, such as `r`, `setpoint` or `speed_ref`. Which signal
+        follows it is found by the connections, the names and the units.
         """
         if self._set_points is None:
             columns = [(n, self.units.get(n, ""), c.dtype.kind == "f") for n, c in self.items()]
