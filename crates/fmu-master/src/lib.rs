@@ -43,6 +43,7 @@ mod compilation;
 mod component_instance;
 mod components;
 mod connections;
+pub mod curve;
 mod cycle;
 mod declarations;
 mod description;
@@ -75,7 +76,6 @@ pub mod sweep;
 mod system_file;
 pub mod table;
 mod table_inputs;
-pub mod trace;
 pub mod vector;
 mod wiring;
 

@@ -13,7 +13,7 @@ use fmu_description::Value;
 use fmu_master::Computed;
 use fmu_master::job::{self, Job, LoadedSystem, SystemSource};
 use fmu_master::run::{self, Completed, Ready, RunOutcome, Watch, supervise};
-use fmu_master::trace::{self, Trace};
+use fmu_master::curve::{self, Curve};
 use fmu_master::{
     Column, Experiment, Message, Messages, Note, Plan, Row, RunError, Statistics, Summary,
 };
@@ -38,7 +38,7 @@ const CALL: Duration = Duration::from_secs(300);
 #[derive(Default)]
 struct Outcome {
     columns: Vec<Column>,
-    traces: Vec<Trace>,
+    curves: Vec<Curve>,
     rows: Columns,
     notes: Vec<Note>,
     warnings: Vec<String>,
@@ -136,9 +136,9 @@ fn into_python(
         enumerations.set_item(name, items.clone())?;
     }
     dict.set_item("enumerations", enumerations)?;
-    let held = outcome.traces.iter().zip(&outcome.columns).filter(|(trace, _)| trace.is_held);
+    let held = outcome.curves.iter().zip(&outcome.columns).filter(|(curve, _)| curve.is_held);
     dict.set_item("held", Vec::from_iter(held.map(|(_, column)| &column.name)))?;
-    dict.set_item("set_points", words::set_points(&outcome.columns, &outcome.traces))?;
+    dict.set_item("set_points", words::set_points(&outcome.columns, &outcome.curves))?;
     dict.set_item("notes", Vec::from_iter(outcome.notes.iter().map(words::note)))?;
     dict.set_item("warnings", outcome.warnings)?;
     let messages = match outcome.end {
@@ -365,7 +365,7 @@ fn in_worker(
                 rows.rows.push(&ready.columns, row);
                 if rows.columns.len() != ready.columns.len() {
                     rows.columns.clone_from(&ready.columns);
-                    rows.traces.clone_from(&ready.traces);
+                    rows.curves.clone_from(&ready.curves);
                 }
             },
             compute: &|function, time, inputs| kept.functions.compute(function, time, inputs),
@@ -384,8 +384,8 @@ fn in_worker(
         RunOutcome::Finished(run) => {
             let crash = run.crash.map(|ended| format!("after the simulation, the process {ended}"));
             rows.warnings.extend(crash);
-            let Ready { columns, traces, notes, .. } = run.ready;
-            (rows.columns, rows.traces, rows.notes) = (columns, traces, notes);
+            let Ready { columns, curves, notes, .. } = run.ready;
+            (rows.columns, rows.curves, rows.notes) = (columns, curves, notes);
             Some(Ok(run.completed))
         }
     };
@@ -419,7 +419,7 @@ fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result
         !host.look(Some((plan.experiment, row.time)))
     });
     outcome.columns.clone_from(&plan.columns);
-    outcome.traces = trace::of_plan(plan);
+    outcome.curves = curve::of_plan(plan);
     outcome.notes = plan.notes(&starts);
     outcome.end = Some(end);
     Ok(outcome)

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use fmu_description::{Type, Value};
 use fmu_master::table::{self, Column, Series, Tolerance};
-use fmu_master::trace;
+use fmu_master::curve;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
@@ -109,6 +109,6 @@ pub fn set_points(columns: Vec<(String, String, bool)>) -> HashMap<String, Strin
     let columns = Vec::from_iter(columns.into_iter().map(|(name, unit, is_continuous)| {
         Column::new(name, unit, if is_continuous { Type::Float64 } else { Type::String })
     }));
-    let found = words::set_points(&columns, &trace::of_columns(&columns));
+    let found = words::set_points(&columns, &curve::of_columns(&columns));
     found.into_iter().map(|(name, of)| (name.to_owned(), of.to_owned())).collect()
 }

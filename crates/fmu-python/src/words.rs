@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use fmu_master::trace::Trace;
+use fmu_master::curve::Curve;
 use fmu_master::{Advice, Column, Note, NoteOptions};
 
 /// A note of a run.
@@ -26,10 +26,10 @@ pub fn advice(advice: &Advice) -> String {
 }
 
 /// The names of set-points by the names of what follows them.
-pub fn set_points<'a>(columns: &'a [Column], traces: &[Trace]) -> HashMap<&'a str, &'a str> {
+pub fn set_points<'a>(columns: &'a [Column], curves: &[Curve]) -> HashMap<&'a str, &'a str> {
     let pairs = columns
         .iter()
-        .zip(traces)
-        .filter_map(|(column, trace)| Some((&*column.name, &*columns.get(trace.set_point?)?.name)));
+        .zip(curves)
+        .filter_map(|(column, curve)| Some((&*column.name, &*columns.get(curve.set_point?)?.name)));
     pairs.collect()
 }

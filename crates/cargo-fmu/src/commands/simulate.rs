@@ -108,7 +108,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
     let draw = |ready: &Ready| {
         drawing.get_or_init(|| {
             let (name, others) = (name.clone(), others.take());
-            RefCell::new(Drawing::new(name, &ready.columns, &ready.traces, others))
+            RefCell::new(Drawing::new(name, &ready.columns, &ready.curves, others))
         })
     };
     let limits = args.limited.limits(1)?;

@@ -6,8 +6,8 @@ use std::path::Path;
 use anyhow::{Context, Error, Result, ensure};
 use fmu_description::{Type, Value as Cell};
 use fmu_master::Column;
+use fmu_master::curve::{self, Curve};
 use fmu_master::table::{self, Rows, Series};
-use fmu_master::trace::{self, Trace};
 use serde_json::{Value, json};
 
 use super::decimation::Decimation;
@@ -117,7 +117,7 @@ struct Run {
 /// A signal, whose values are numbers: Booleans are 0 or 1, and texts and items of Enumerations the index of the text.
 struct Signal {
     column: Column,
-    trace: Trace,
+    curve: Curve,
     items: Vec<String>,
     index: HashMap<String, usize>,
     /// The number of values that are NaN, infinite, missing or no number.
@@ -129,26 +129,26 @@ impl Drawing {
     pub fn new(
         name: String,
         columns: &[Column],
-        traces: &[Trace],
+        curves: &[Curve],
         others: Vec<CompleteRun>,
     ) -> Self {
         let values = NUMBERS / (others.len() + 1);
         let differences = DIFFERENCES / others.len().max(1);
         let others = others.into_iter().map(|CompleteRun { name, columns: other, rows }| {
-            let run = Run::new(name, &other, &trace::of_columns(&other), values);
+            let run = Run::new(name, &other, &curve::of_columns(&other), values);
             let pairs = columns.iter().enumerate().filter_map(|(first, column)| {
                 let is_same =
                     |other: &Column| other.name == column.name && other.unit == column.unit;
                 let second = other.iter().position(is_same)?;
                 let is_number = is_number(column) && is_number(&other[second]);
-                let (signals, is_held) = ([first, second], traces[first].is_held);
+                let (signals, is_held) = ([first, second], curves[first].is_held);
                 is_number.then_some(Pair { signals, is_held, largest: None })
             });
             let difference = Difference::new(pairs.collect(), differences);
             Other { recorded: Recorded { run, rows, error: None }, difference }
         });
         let others = others.collect();
-        Self { run: Run::new(name, columns, traces, values), others, row: Vec::new() }
+        Self { run: Run::new(name, columns, curves, values), others, row: Vec::new() }
     }
 
     /// A page of complete runs.
@@ -157,7 +157,7 @@ impl Drawing {
     /// A row cannot be read.
     pub fn of_runs(first: CompleteRun, others: Vec<CompleteRun>) -> Result<Self> {
         let CompleteRun { name, columns, rows } = first;
-        let mut drawing = Self::new(name, &columns, &trace::of_columns(&columns), others);
+        let mut drawing = Self::new(name, &columns, &curve::of_columns(&columns), others);
         for row in rows {
             let (time, cells) = row?;
             drawing.push(time, cells.into_iter().skip(1));
@@ -194,11 +194,11 @@ impl Drawing {
 }
 
 impl Run {
-    fn new(name: String, columns: &[Column], traces: &[Trace], values: usize) -> Self {
-        let signals = columns.iter().zip(traces).map(|(column, trace)| {
+    fn new(name: String, columns: &[Column], curves: &[Curve], values: usize) -> Self {
+        let signals = columns.iter().zip(curves).map(|(column, curve)| {
             let items = Vec::from_iter(column.items.values().cloned());
             let index = items.iter().cloned().zip(0..).collect();
-            Signal { column: column.clone(), trace: trace.clone(), items, index, without: 0 }
+            Signal { column: column.clone(), curve: curve.clone(), items, index, without: 0 }
         });
         let signals = Vec::from_iter(signals);
         Self { name, decimation: Decimation::new(signals.len(), values), signals }
@@ -266,7 +266,7 @@ impl Signal {
     }
 
     fn json(&self, values: Vec<f64>, signals: &[Self]) -> Value {
-        let Self { column, trace, items, .. } = self;
+        let Self { column, curve, items, .. } = self;
         let kind = match column.kind {
             _ if is_text(column) => "items",
             Type::Boolean => "boolean",
@@ -277,8 +277,8 @@ impl Signal {
             "unit": column.unit,
             "kind": kind,
             "items": items,
-            "held": trace.is_held,
-            "set_point": trace.set_point.map(|index| &signals[index].column.name),
+            "held": curve.is_held,
+            "set_point": curve.set_point.map(|index| &signals[index].column.name),
             "without": self.without,
             "values": shortened(numbers(&values)),
         })

@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 
 use super::completed::Completed;
+use crate::curve::Curve;
 use crate::function::FunctionCall;
-use crate::trace::Trace;
 use crate::{Column, Experiment, Note, Row, RunError};
 
 /// A message of a worker about its run.
@@ -36,7 +36,7 @@ pub struct Ready {
     /// The recorded variables.
     pub columns: Vec<Column>,
     /// How a plot draws them.
-    pub traces: Vec<Trace>,
+    pub curves: Vec<Curve>,
     /// Choices of the master that the user may want to override.
     pub notes: Vec<Note>,
 }

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::completed::simulate;
 use super::report::{Ready, Report};
 use crate::function::{Computed, FunctionCall};
-use crate::{Messages, Plan, Row, RunError, StartValue, trace};
+use crate::{Messages, Plan, Row, RunError, StartValue, curve};
 
 /// Does a run, and reports it to the supervisor. `plan` makes the plan and its start values, and may warn; the rows
 /// are only sent if the run `records` them.
@@ -37,7 +37,7 @@ pub fn serve<P: Borrow<Plan>>(
         components: plan.names(),
         experiment: plan.experiment,
         columns: plan.columns.clone(),
-        traces: trace::of_plan(plan),
+        curves: curve::of_plan(plan),
         notes: plan.notes(&starts),
     }));
     // The file for the rows can be written.

@@ -20,7 +20,7 @@ use crate::table::Column;
 
 /// How a plot draws a recorded variable.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Trace {
+pub struct Curve {
     /// Whether it keeps its value until the next row: it is not continuous, or its component is sampled.
     pub is_held: bool,
     /// The index of the recorded variable that is its set-point.
@@ -41,7 +41,7 @@ const DEVIATIONS: &[&str] =
     &["e", "err", "error", "control_error", "d", "disturbance", "n", "noise"];
 
 /// How the recorded variables of a plan are drawn.
-pub fn of_plan(plan: &Plan) -> Vec<Trace> {
+pub fn of_plan(plan: &Plan) -> Vec<Curve> {
     let components = &plan.components;
     // Where the value of a variable comes from.
     let source = |id: ScalarId| {
@@ -51,10 +51,10 @@ pub fn of_plan(plan: &Plan) -> Vec<Trace> {
     let carrier =
         |input: ScalarId| plan.recorded.iter().position(|id| source(*id) == source(input));
     let quantity_of = |id: &ScalarId| quantity(&components[id.component].fmu.name(id.scalar));
-    let mut traces = Vec::from_iter(plan.recorded.iter().map(|id| {
+    let mut curves = Vec::from_iter(plan.recorded.iter().map(|id| {
         let variable = id.variable(components);
         let is_continuous = variable.variability == Variability::Continuous;
-        Trace { is_held: !is_continuous || components[id.component].sampled, set_point: None }
+        Curve { is_held: !is_continuous || components[id.component].sampled, set_point: None }
     }));
     let unit = |id: &ScalarId| id.variable(components).unit.as_deref();
     for (component, loaded) in components.iter().enumerate() {
@@ -74,41 +74,41 @@ pub fn of_plan(plan: &Plan) -> Vec<Trace> {
             });
             let found = follower.and_then(|other| Some((carrier(**other)?, carrier(*input)?)));
             if let Some((follower, set_point)) = found {
-                pair(&mut traces, follower, set_point);
+                pair(&mut curves, follower, set_point);
             }
         }
     }
-    add_by_names(&plan.columns, &mut traces);
-    traces
+    add_by_names(&plan.columns, &mut curves);
+    curves
 }
 
 /// How the columns of a file are drawn, by their names and units.
-pub fn of_columns(columns: &[Column]) -> Vec<Trace> {
+pub fn of_columns(columns: &[Column]) -> Vec<Curve> {
     let is_held = |column: &Column| !column.kind.is_float();
-    let mut traces = Vec::from_iter(
-        columns.iter().map(|column| Trace { is_held: is_held(column), set_point: None }),
+    let mut curves = Vec::from_iter(
+        columns.iter().map(|column| Curve { is_held: is_held(column), set_point: None }),
     );
-    add_by_names(columns, &mut traces);
-    traces
+    add_by_names(columns, &mut curves);
+    curves
 }
 
 /// Notes what follows a set-point, unless it follows another one, or the set-point follows one itself.
-fn pair(traces: &mut [Trace], follower: usize, set_point: usize) {
-    let is_free = traces[follower].set_point.is_none() && traces[set_point].set_point.is_none();
-    let is_set_point = traces.iter().any(|trace| trace.set_point == Some(follower));
+fn pair(curves: &mut [Curve], follower: usize, set_point: usize) {
+    let is_free = curves[follower].set_point.is_none() && curves[set_point].set_point.is_none();
+    let is_set_point = curves.iter().any(|curve| curve.set_point == Some(follower));
     if is_free && !is_set_point && follower != set_point {
-        traces[follower].set_point = Some(set_point);
+        curves[follower].set_point = Some(set_point);
     }
 }
 
 /// Finds what follows the set-points that have nothing yet, by names, then by units.
-fn add_by_names(columns: &[Column], traces: &mut [Trace]) {
+fn add_by_names(columns: &[Column], curves: &mut [Curve]) {
     let quantities = Vec::from_iter(
         columns.iter().map(|column| quantity(&column.name).filter(|_| column.kind.is_float())),
     );
     for (index, set_point) in columns.iter().enumerate() {
         let Some(quantity) = &quantities[index] else { continue };
-        if traces.iter().any(|trace| trace.set_point == Some(index)) {
+        if curves.iter().any(|curve| curve.set_point == Some(index)) {
             continue;
         }
         let others = (0..columns.len()).filter(|other| {
@@ -129,7 +129,7 @@ fn add_by_names(columns: &[Column], traces: &mut [Trace]) {
             _ => None,
         };
         if let Some(follower) = others.iter().find(in_component).copied().or(only) {
-            pair(traces, follower, index);
+            pair(curves, follower, index);
         }
     }
 }
@@ -185,8 +185,8 @@ mod tests {
             let (name, unit) = title.split_once(' ').unwrap_or((title, ""));
             Column::new(name, unit.trim_matches(['[', ']']), Type::Float64)
         });
-        let traces = of_columns(&Vec::from_iter(columns));
-        traces.into_iter().map(|trace| trace.set_point).collect()
+        let curves = of_columns(&Vec::from_iter(columns));
+        curves.into_iter().map(|curve| curve.set_point).collect()
     }
 
     #[test]
