@@ -1,18 +1,20 @@
 //! One run of a system.
 
+mod advance;
+mod row;
+
 use anyhow::{Result, bail};
-use fmu_description::{Type, Value};
 use fmu_host::Instance;
-use serde::{Deserialize, Serialize};
+
+pub use row::Row;
 
 use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outputs};
 use crate::components::LoadedComponent;
 use crate::fault::FaultyConnection;
 use crate::start::ComponentStarts;
-use crate::store::{Store, number, places};
-use crate::table::{Cell, Column};
+use crate::store::Store;
 use crate::table_inputs::TableInputs;
-use crate::{Message, Messages, Order, Place, Plan, RunError, StartValue};
+use crate::{Message, Messages, Order, Plan, RunError, StartValue};
 
 /// An initialized run of a system.
 pub struct Simulation<'a> {
@@ -26,68 +28,6 @@ pub struct Simulation<'a> {
     messages: Messages,
     /// Why it has ended in the first event, if an FMU has ended it there.
     ended: Option<Box<RunError>>,
-}
-
-/// A row of results: the values of the recorded variables at a communication point. Its columns are those
-/// of [`Plan::columns`].
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Row {
-    /// The communication point (s).
-    pub time: f64,
-    pub(crate) store: Store,
-}
-
-impl Row {
-    fn new(columns: &[Column]) -> Self {
-        Self { time: f64::NAN, store: Store::new(counts(columns)) }
-    }
-
-    /// Whether it has the values of these columns.
-    pub(crate) fn fits(&self, columns: &[Column]) -> bool {
-        let Store { reals, others } = &self.store;
-        [reals.len(), others.len()] == counts(columns)
-    }
-
-    /// The number at a place, which [`Plan::place`] finds, or a Boolean as 0 or 1; NaN for other values.
-    #[inline]
-    pub fn number(&self, place: Place) -> f64 {
-        self.store.number(place)
-    }
-
-    /// The values of the first columns of the type Float64, if there are as many.
-    #[inline]
-    pub(crate) fn first<const N: usize>(&self) -> Option<&[f64; N]> {
-        self.store.reals.first_chunk()
-    }
-
-    /// The values of the columns of [`Plan::columns`].
-    pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
-        Self::places(columns).map(|place| self.store.value(place))
-    }
-
-    /// The time and the values of the columns as people read them.
-    pub fn cells(&self, columns: &[Column]) -> impl Iterator<Item = Cell> {
-        let values = columns.iter().zip(self.values(columns));
-        let values = values.map(|(column, value)| column.named(value));
-        [Value::Float64(self.time)].into_iter().chain(values).map(Some)
-    }
-
-    /// The places of the columns.
-    pub(crate) fn places(columns: &[Column]) -> impl Iterator<Item = Place> {
-        places(columns.iter().map(|column| column.kind))
-    }
-
-    /// All values as numbers: Float64 values, then values of other types.
-    pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
-        let Store { reals, others } = &self.store;
-        reals.iter().copied().chain(others.iter().map(number))
-    }
-}
-
-/// The number of columns of the type Float64, and of the others.
-fn counts(columns: &[Column]) -> [usize; 2] {
-    let reals = columns.iter().filter(|c| c.kind == Type::Float64).count();
-    [reals, columns.len() - reals]
 }
 
 /// A run that has reached its end, besides its rows.
@@ -286,7 +226,10 @@ impl Simulation<'_> {
                 break;
             }
             if k < last {
-                let stepped = self.step::<PLAIN>(k, time, experiment.step);
+                let stepped = match PLAIN {
+                    true => self.step_plainly(time, experiment.step),
+                    false => self.advance(k, time, experiment.step),
+                };
                 stepped.map_err(failed_at(time))?;
                 self.row.store.record::<PLAIN>(&wiring.recorded_after, &self.outputs);
             }
@@ -304,37 +247,22 @@ impl Simulation<'_> {
         }
     }
 
-    /// Steps from one communication point to the next.
+    /// Steps a plain system from one communication point to the next.
     #[inline]
-    fn step<const PLAIN: bool>(&mut self, k: u64, time: f64, step: f64) -> CallResult {
+    fn step_plainly(&mut self, time: f64, step: f64) -> CallResult {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
-        let faulty_connections = &mut self.faulty_connections;
-        let mut carry = |component: usize, outputs: &mut Store| {
-            if !PLAIN {
-                let faulty_connections = faulty_connections[component].iter_mut();
-                faulty_connections.for_each(|connection| connection.carry(k, time, step, outputs));
-            }
-        };
         if self.plan.order == Order::Sequential {
-            for (index, component) in components.iter_mut().enumerate() {
-                carry(index, outputs);
-                if PLAIN {
-                    component.cycle(outputs, time, step)?;
-                    continue;
-                }
-                component.write::<PLAIN>(outputs)?;
-                component.step::<PLAIN>(time, step)?;
-                component.read::<PLAIN>(outputs)?;
+            for component in components.iter_mut() {
+                component.cycle(outputs, time, step)?;
             }
             return Ok(());
         }
-        for (index, component) in components.iter_mut().enumerate() {
-            carry(index, outputs);
-            component.write::<PLAIN>(outputs)?;
+        for component in components.iter_mut() {
+            component.write::<true>(outputs)?;
         }
         for component in components {
-            component.step::<PLAIN>(time, step)?;
-            component.read::<PLAIN>(outputs)?;
+            component.step::<true>(time, step)?;
+            component.read::<true>(outputs)?;
         }
         Ok(())
     }
