@@ -190,6 +190,13 @@ impl FaultState {
 }
 
 impl FaultyConnection {
+    /// Remembers what the same connection has remembered at another time.
+    pub(crate) fn remember_as(&mut self, other: &Self) {
+        for (fault, other) in self.faults.iter_mut().zip(&other.faults) {
+            fault.memory.clone_from(&other.memory);
+        }
+    }
+
     /// Passes the value of step `k` from the output to the input.
     pub(crate) fn carry(&mut self, k: u64, time: f64, step: f64, values: &mut Store) {
         let value = values.number(self.from);

@@ -52,6 +52,8 @@ pub struct Fmu {
     pub(crate) states: Vec<[String; 2]>,
     /// Whether it provides directional derivatives when it is run in this way.
     pub(crate) is_directional: bool,
+    /// Whether its states can be saved and restored, when it is run in this way.
+    pub(crate) can_restore: bool,
 }
 
 /// A scalar variable, or an element of an array.
@@ -93,12 +95,18 @@ impl Fmu {
             only_once: false,
             states: Vec::new(),
             is_directional: false,
+            can_restore: false,
         }
     }
 
     /// Whether it runs as a WebAssembly component.
     pub(crate) fn is_component(&self) -> bool {
         matches!(&self.code, Code::Binary(binary) if binary.is_component())
+    }
+
+    /// Whether it is a function of this program.
+    pub(crate) fn is_function(&self) -> bool {
+        matches!(&self.code, Code::Function(_))
     }
 
     /// If it was compiled from its sources, what was left out of its build description.

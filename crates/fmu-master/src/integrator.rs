@@ -152,6 +152,38 @@ impl<'a> Integrator<'a> {
         Ok(())
     }
 
+    /// Takes the state of the same component at another time, in the memory that it has.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        // The memory of a step keeps nothing, and the others are the same at all times.
+        let Self {
+            workspace: _,
+            tolerance: _,
+            longest: _,
+            nominals,
+            derivatives,
+            indicators,
+            inputs,
+            is_fed: _,
+            is_discrete: _,
+            is_in_event_mode,
+            next,
+            handled,
+            left,
+            restarts,
+        } = other;
+        self.nominals.clone_from(nominals);
+        self.derivatives.clone_from(derivatives);
+        self.indicators.clone_from(indicators);
+        if let (Some(to), Some(from)) = (&mut self.inputs, inputs) {
+            to.go_to(from);
+        }
+        self.is_in_event_mode = *is_in_event_mode;
+        self.next = *next;
+        self.handled = *handled;
+        self.left = *left;
+        self.restarts = *restarts;
+    }
+
     /// The number of continuous states.
     pub(crate) fn states(&self) -> usize {
         self.nominals.len()

@@ -2,11 +2,13 @@
 
 mod advance;
 mod row;
+mod saved;
 
 use anyhow::{Result, bail};
 use fmu_host::Instance;
 
 pub use row::Row;
+pub use saved::Snapshot;
 
 use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outputs};
 use crate::components::LoadedComponent;
@@ -25,6 +27,8 @@ pub struct Simulation<'a> {
     row: Row,
     /// The connections with faults that lead to each component.
     faulty_connections: Vec<Vec<FaultyConnection>>,
+    /// The snapshots that were made, by their numbers.
+    saved: Vec<saved::Saved<'a>>,
     messages: Messages,
     /// Why it has ended in the first event, if an FMU has ended it there.
     ended: Option<Box<RunError>>,
@@ -63,6 +67,7 @@ impl Plan {
             outputs: Store::new(self.wiring.counts),
             row: Row::new(&self.columns),
             faulty_connections: self.wiring.faulty_connections.clone(),
+            saved: Vec::new(),
             messages: messages.clone(),
             ended: None,
         };
@@ -269,8 +274,9 @@ impl Simulation<'_> {
 }
 
 impl Drop for Simulation<'_> {
-    /// Frees the instances, and records that no call is in progress.
+    /// Frees snapshots and instances, and records that no call is in progress.
     fn drop(&mut self) {
+        self.forget_all();
         self.components.clear();
         self.messages.record().end_call();
     }

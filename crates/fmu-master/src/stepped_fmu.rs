@@ -7,15 +7,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability, Variable};
-use fmu_host::{FmuState, Instance, InterfaceType, Success};
+use fmu_host::{Instance, InterfaceType, Success};
 use fmu_worker::{Function, Record, Service};
 use serde::{Deserialize, Serialize};
 
 use crate::access_list::{AccessList, accessor};
 use crate::component_instance::{CallResult, ComponentInstance};
+use crate::component_state::ComponentState;
 use crate::components::LoadedComponent;
 use crate::cycle::Cycle;
-use crate::integrator::Integrator;
 use crate::literal::refusal;
 use crate::start::{ComponentStarts, ScalarLiteral, scalar_literals};
 use crate::{Compilation, Description, Fmu, Literal, Messages, Plan, RunError};
@@ -235,11 +235,10 @@ struct Reading {
 /// The number of lists of scalars whose access is kept.
 const LISTS: usize = 64;
 
-/// A saved state, and that of the integration.
+/// A saved state, and its time (s).
 struct Saved {
-    state: FmuState,
+    state: ComponentState<'static>,
     time: f64,
-    integrator: Option<Box<Integrator<'static>>>,
 }
 
 /// An instance of an FMU.
@@ -410,7 +409,8 @@ impl SteppedFmu {
             Request::Reset => self.reset()?,
             Request::Forget(number) => {
                 if let Some(Saved { state, .. }) = self.saved.remove(number) {
-                    self.call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state))?;
+                    let forgotten = self.component.forget(state);
+                    self.with_time(forgotten)?;
                 }
             }
             Request::States => {
@@ -568,27 +568,20 @@ impl SteppedFmu {
 
     fn save(&mut self) -> Result<u64> {
         let mut state = None;
-        self.call("get_fmu_state", "saving the state", |instance| {
-            state = Some(instance.get_fmu_state()?);
-            Ok(fmu_host::Success::Ok)
-        })?;
+        let saved = self.component.save(&mut state);
+        self.with_time(saved)?;
         let state = state.context("the FMU has no state")?;
-        let integrator = self.component.integrator.clone();
         self.next += 1;
-        self.saved.insert(self.next, Saved { state, time: self.time, integrator });
+        self.saved.insert(self.next, Saved { state, time: self.time });
         Ok(self.next)
     }
 
     fn restore(&mut self, number: u64) -> Result<()> {
         let saved = self.saved.get(&number).context("there is no such state")?;
-        let (time, integrator) = (saved.time, saved.integrator.clone());
-        let called = self.component.call("set_fmu_state", "restoring a state", |instance| {
-            instance.set_fmu_state(&saved.state)
-        });
-        self.with_time(called)?;
+        let (restored, time) = (self.component.restore(&saved.state), saved.time);
+        self.with_time(restored)?;
         self.time = time;
         self.runs = true;
-        self.component.integrator = integrator;
         self.messages.record().at(self.time);
         Ok(())
     }
@@ -641,7 +634,7 @@ impl Drop for SteppedFmu {
     fn drop(&mut self) {
         for Saved { state, .. } in std::mem::take(&mut self.saved).into_values() {
             // The instance is freed in any case.
-            let _ = self.call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state));
+            let _ = self.component.forget(state);
         }
         if self.runs && self.is_sound {
             let _ = self.call("terminate", "end", Instance::terminate);

@@ -49,6 +49,12 @@ impl Store {
         Self { reals: vec![0.0; reals], others: vec![Value::Boolean(false); others] }
     }
 
+    /// Copies all values of a store of the same size.
+    pub(crate) fn copy_from(&mut self, from: &Self) {
+        self.reals.clone_from(&from.reals);
+        self.others.clone_from(&from.others);
+    }
+
     /// A number, or a Boolean as 0 or 1; NaN for other values.
     #[inline(always)]
     pub(crate) fn number(&self, place: Place) -> f64 {

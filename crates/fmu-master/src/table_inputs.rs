@@ -70,6 +70,11 @@ impl<'a> TableInputs<'a> {
         self.all.iter().flat_map(|input| input.columns.iter().map(|(column, _)| *column))
     }
 
+    /// Goes to the place where the same inputs were at another time.
+    pub(crate) fn go_to(&mut self, other: &Self) {
+        (self.held, self.next) = (other.held, other.next);
+    }
+
     /// Goes on from a communication point or an event (s).
     pub(crate) fn begin(&mut self, time: f64) {
         let times = &self.table.times;

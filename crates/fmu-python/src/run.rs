@@ -11,9 +11,9 @@ use cargo_fmu::progress::Clock;
 use cargo_fmu::session::{Session, WORKER};
 use fmu_description::Value;
 use fmu_master::Computed;
+use fmu_master::curve::{self, Curve};
 use fmu_master::job::{self, Job, LoadedSystem, SystemSource};
 use fmu_master::run::{self, Completed, Ready, RunOutcome, Watch, supervise};
-use fmu_master::curve::{self, Curve};
 use fmu_master::{
     Column, Experiment, Message, Messages, Note, Plan, Row, RunError, Statistics, Summary,
 };

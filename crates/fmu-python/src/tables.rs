@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use fmu_description::{Type, Value};
-use fmu_master::table::{self, Column, Series, Tolerance};
 use fmu_master::curve;
+use fmu_master::table::{self, Column, Series, Tolerance};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 

@@ -140,6 +140,10 @@ impl Fmu {
                 FmiVersion::Fmi2 => "providesDirectionalDerivative",
                 FmiVersion::Fmi3 => "providesDirectionalDerivatives",
             }),
+            can_restore: interface.is_true(match model.version {
+                FmiVersion::Fmi2 => "canGetAndSetFMUstate",
+                FmiVersion::Fmi3 => "canGetAndSetFMUState",
+            }),
         })
     }
 }
