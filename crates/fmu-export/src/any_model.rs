@@ -3,12 +3,12 @@
 use std::any::Any;
 use std::iter::repeat_n;
 
-use dormand_prince::solver::{Advanced, Step, Workspace};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::{
     Causality, Dynamics, Naming, Number, StartOverrides, StateError, StateReader, StateWriter,
     Value,
 };
+use ode_methods::solver::{Advanced, Step, Workspace};
 
 use crate::error::ModelError;
 use crate::layout::{

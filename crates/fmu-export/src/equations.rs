@@ -1,9 +1,9 @@
 //! The equations of a model, for hosts that integrate them, and for values that are computed only when a host asks
 //! for them.
 
-use dormand_prince::solver;
 use fmi_abi::state::State;
 use fmu_description::Number;
+use ode_methods::solver;
 
 use crate::any_model::{AnyModel, SolverVector};
 use crate::error::{ModelError, Severity, ensure, refused};

@@ -3,8 +3,8 @@
 use std::error::Error;
 use std::fmt::{self, Arguments, Display, Formatter};
 
-use dormand_prince::solver::SolverError;
 use fmu_description::Number;
+use ode_methods::solver::SolverError;
 
 /// An error of a model, with a message for the user.
 ///

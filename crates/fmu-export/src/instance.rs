@@ -7,11 +7,11 @@ use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
-use dormand_prince::solver::Workspace;
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FmiVersion};
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{LogCategory, Naming, Number, Variability};
+use ode_methods::solver::Workspace;
 
 use crate::any_model::{AnyModel, SolverVector, VariantStarts};
 use crate::clock::RateClocks;

@@ -2,11 +2,11 @@
 
 use std::any::Any;
 
-use dormand_prince::solver::{self, Advanced, Step, Workspace};
 use fmu_description::table::Declaration;
 use fmu_description::{
     Causality, Naming, StateError, StateReader, StateWriter, references, scalar,
 };
+use ode_methods::solver::{self, Advanced, Step, Workspace};
 
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::deprecated;

@@ -3,8 +3,8 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use dormand_prince::solver::{self, Advanced, Events};
 use fmi_abi::state::State;
+use ode_methods::solver::{self, Advanced, Events};
 
 use crate::clock::Due;
 use crate::error::ModelError;

@@ -5,9 +5,9 @@
 //! continuous enters event mode at each communication point, where such inputs may be set. An event at the end of a
 //! step waits for the inputs of that communication point, if they come from other components.
 
-use dormand_prince::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
 use fmu_description::{FmiVersion, Variability};
 use fmu_host::Instance;
+use ode_methods::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
 
 use crate::Fmu;
 use crate::recorded_instance::{IntegrationError, IntegrationResult, Operation, RecordedInstance};

@@ -3,10 +3,10 @@
 use std::fmt::Arguments;
 use std::sync::LazyLock;
 
-use dormand_prince::solver;
 use fmu_description::FmiVersion;
 use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
+use ode_methods::solver;
 
 use crate::Messages;
 use crate::access_list::accessor;

@@ -1,7 +1,7 @@
-//! The nonlinear plant (7), (8), integrated by the method of [`dormand_prince`] with local extrapolation and
-//! error control per substep.
+//! The nonlinear plant (7), (8), integrated by the method of [Dormand and Prince](ode_methods::dormand_prince) with
+//! local extrapolation and error control per substep.
 
-use dormand_prince::{ERROR, NODES, STAGES, WEIGHTS, factor, weighted};
+use ode_methods::dormand_prince::{ERROR, NODES, STAGES, WEIGHTS, factor, weighted};
 
 use super::{Force, Jacobian, Parameters, State};
 

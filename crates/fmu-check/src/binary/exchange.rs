@@ -4,9 +4,9 @@
 use std::fmt::Arguments;
 
 use anyhow::{Error, Result};
-use dormand_prince::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
 use fmu_description::{Causality, Value, XmlVariable};
 use fmu_host::{Cause, Failure, Instance, Status};
+use ode_methods::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
 
 use crate::binary::run::{EVENT_EVERY, Position, Run};
 use crate::rules::is_continuous;

@@ -4,10 +4,10 @@ use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use dormand_prince::solver::Workspace;
 use fmu_description::{Value, XmlVariable};
 use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, InterfaceType, Status};
+use ode_methods::solver::Workspace;
 
 use crate::binary::excitation::{Input, other_values, starts};
 use crate::binary::observed::{Observed, Row, Trajectory, get, is_discrete};

@@ -2,9 +2,9 @@
 
 use std::fmt::Debug;
 
-use dormand_prince::solver::{self, Events as Handled, OdeSystem, Workspace};
 use fmu_description::Type;
 use fmu_export::testing::{Driver, Value};
+use ode_methods::solver::{self, Events as Handled, OdeSystem, Workspace};
 
 use crate::driver::*;
 use crate::models::*;

@@ -2,18 +2,7 @@
 //! output of Hairer, Nørsett and Wanner (Solving Ordinary Differential Equations I, section II.6).
 //!
 //! It has tables and the control of the step size. The caller provides the memory of the stages: on the
-//! stack for a few states, or allocated once. With the feature `solver`, the module `solver` integrates
-//! systems with events.
-#![no_std]
-#![forbid(unsafe_code)]
-
-#[cfg(feature = "solver")]
-extern crate alloc;
-#[cfg(test)]
-extern crate std;
-
-#[cfg(feature = "solver")]
-pub mod solver;
+//! stack for a few states, or allocated once.
 
 /// Number of stages. The last one is at the end of a step, so that it is the first one of the next.
 pub const STAGES: usize = 7;

@@ -7,7 +7,9 @@ use alloc::vec;
 use alloc::vec::Vec;
 use core::fmt::Arguments;
 
-use crate::{ERROR, MAX_SHRINKAGE, NODES, STAGES, WEIGHTS, factor, interpolate, weighted};
+use crate::dormand_prince::{
+    ERROR, MAX_SHRINKAGE, NODES, STAGES, WEIGHTS, factor, interpolate, weighted,
+};
 
 /// Maximum number of internal steps between two events; more would take seconds to compute.
 const MAX_STEPS: u32 = 100_000;
