@@ -11,6 +11,7 @@ use fmu_description::Value;
 use crate::instance::Instance;
 use crate::library::{Binary, Library};
 use crate::logger::{LogMessage, Registered, deliver};
+use crate::observed::CallObserver;
 use crate::outcome::Status;
 
 /// What an instance does in a step: it receives the time, the size of the step (s) and the values of all
@@ -28,14 +29,14 @@ struct Running {
 impl Instance {
     /// An instance of FMI 3.0 for co-simulation whose step is a function, with the start values of its variables,
     /// which are Float64, Int64 or Boolean. The value reference of a variable is its index. `sink` receives the
-    /// errors. Other functions than those that a master needs are missing.
+    /// errors; `observer` observes the calls. Other functions than those that a master needs are missing.
     pub fn of_function(
         values: Vec<Value>,
         step: StepFunction,
         sink: impl Fn(LogMessage) + Send + Sync + 'static,
+        observer: Option<Arc<dyn CallObserver>>,
     ) -> Self {
-        let mut library = Library::new(Binary::Function, FmiVersion::Fmi3);
-        library.fmi3 = Functions {
+        let functions = Functions {
             fmi3EnterInitializationMode: Some(enter_initialization_mode),
             fmi3ExitInitializationMode: Some(done),
             fmi3GetFloat64: Some(get_float64),
@@ -49,9 +50,17 @@ impl Instance {
             fmi3FreeInstance: Some(free_instance),
             ..Functions::default()
         };
+        let library = Library::new(Binary::Function, FmiVersion::Fmi3);
+        let library = match &observer {
+            None => Library { fmi3: functions, ..library },
+            Some(observer) => {
+                library.observed_by(Arc::clone(observer), Default::default(), functions)
+            }
+        };
         let registered = Registered::new(Arc::new(sink), None);
         let running = Running { values, step, environment: registered.environment() };
         let mut instance = Self::new(&Arc::new(library), registered, None);
+        instance.handle.observer = observer;
         instance.handle.pointer = Box::into_raw(Box::new(running)).cast();
         instance
     }

@@ -1,12 +1,14 @@
 //! The functions of an instance, made from the rows of `fmi-abi`: each is a method with the arguments in Rust.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use fmi_abi::fmi2::*;
 use fmi_abi::fmi3::*;
 use fmi_abi::{FmiVersion, fmi2_functions, fmi3_functions};
 
 use crate::library::Library;
+use crate::observed::{CallObserver, ToElement, argument, observe};
 use crate::outcome::{Cause, Failure, Result};
 use crate::types::FmuState;
 
@@ -16,6 +18,8 @@ pub(crate) struct Handle {
     /// The component or the instance, as the version of FMI calls it.
     pub(crate) pointer: fmi2Component,
     pub(crate) version: FmiVersion,
+    /// Who observes the calls of this instance.
+    pub(crate) observer: Option<Arc<dyn CallObserver>>,
     /// The WebAssembly component that is called instead, if the FMU is one.
     #[cfg(feature = "sandbox")]
     pub(crate) component: Option<Box<crate::sandbox::ComponentInstance>>,
@@ -53,22 +57,39 @@ macro_rules! method {
     ($inline:ident $v:ident $f:ident $name:ident $op:ident $($s:ident)|+; [$($param:ident: $type:ty,)*] [] $($arg:ident: $kind:tt,)*) => {
         #[inline($inline)]
         pub(crate) fn $op(self, $($param: $type),*) -> Result {
+            /// Not in the way of the others: the call if it is observed; else the binary lacks the function.
+            #[cold]
+            #[inline(never)]
+            fn observed(handle: &mut Handle, $($param: $type),*) -> Result {
+                let name = stringify!($name);
+                let missing = || Failure::new(name, Cause::Missing);
+                let known = handle.library.observed.as_ref().ok_or_else(missing)?;
+                let function = known.$f.$name.ok_or_else(missing)?;
+                let observer = handle.observer.as_ref().unwrap_or(&known.observer);
+                $(prepare!($arg $kind);)*
+                $(measure!($arg $kind);)*
+                let status = observe!(
+                    observer, name, [$(argument!($arg $kind)),*],
+                    // SAFETY: as for a call that is not observed.
+                    unsafe { function(handle.pointer, $(c_value!($arg $kind)),*) }.0
+                );
+                handle.library.outcome(name, status)
+            }
+
             let handle = self.0;
             if handle.version != FmiVersion::$v {
                 return Err(Failure::new(stringify!($name), Cause::OtherVersion));
             }
             #[cfg(feature = "sandbox")]
-            component!(handle $v $name $op $($s)|+; $($param),*);
+            component!(handle $v $name $op $($s)|+; [$($param),*] $($arg: $kind,)*);
+            let library = &*handle.library;
+            let Some(function) = library.$f.$name else { return observed(handle, $($param),*) };
             $(prepare!($arg $kind);)*
             $(measure!($arg $kind);)*
-            let library = &*handle.library;
             // SAFETY: the standard gives the type, the instance is one of this version and not freed,
             // and every pointer is valid for the length passed with it. The rest depends on the foreign
             // binary, as described in the crate documentation.
-            let status = unsafe {
-                let function = library.function(library.$f.$name, stringify!($name))?;
-                function(handle.pointer, $(c_value!($arg $kind)),*)
-            };
+            let status = unsafe { function(handle.pointer, $(c_value!($arg $kind)),*) };
             library.outcome(stringify!($name), status.0)
         }
     };
@@ -80,12 +101,21 @@ macro_rules! method {
 macro_rules! component {
     ($handle:ident Fmi2 $($rest:tt)*) => {};
     ($handle:ident Fmi3 fmi3SetBinary $($rest:tt)*) => {};
-    ($handle:ident Fmi3 $name:ident $op:ident NOWHERE; $($param:ident),*) => {};
-    ($handle:ident Fmi3 $name:ident $op:ident $($_0:ident)|*; $($param:ident),*) => {
+    ($handle:ident Fmi3 $name:ident $op:ident NOWHERE; $($rest:tt)*) => {};
+    ($handle:ident Fmi3 $name:ident $op:ident $($_0:ident)|*; [$($param:ident),*] $($arg:ident: $kind:tt,)*) => {
         if let Some(component) = &mut $handle.component {
-            $handle.library.trace(stringify!($name));
-            let status = component.$op($($param),*);
-            return $handle.library.outcome(stringify!($name), status.0);
+            let status = match &$handle.observer {
+                None => component.$op($($param),*).0,
+                Some(observer) => {
+                    $(prepare!($arg $kind);)*
+                    $(measure!($arg $kind);)*
+                    observe!(
+                        observer, stringify!($name), [$(argument!($arg $kind)),*],
+                        component.$op($($param),*).0
+                    )
+                }
+            };
+            return $handle.library.outcome(stringify!($name), status);
         }
     };
 }

@@ -5,6 +5,7 @@ use std::ffi::{CString, c_int, c_void};
 use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
 
 use fmi_abi::fmi2::*;
 use fmi_abi::fmi3::*;
@@ -15,6 +16,7 @@ use crate::functions::{Fmi2, Fmi3, Handle};
 use crate::library::Binary;
 use crate::library::Library;
 use crate::logger::{LogMessage, Registered, intermediate_update, log_3, logger, text};
+use crate::observed::{Argument, CallObserver, Direction, ObservedCall, ToElement, Values};
 use crate::outcome::{Cause, Failure, Result, Success};
 use crate::quick::Quick;
 use crate::types::{CompletedStep, DiscreteStatesUpdate, FmuState, Instantiation, Treatment};
@@ -67,31 +69,57 @@ impl Library {
         let registered = Registered::new(Arc::new(sink), on_intermediate);
         let environment = registered.environment();
         let mut instance = Instance::new(self, registered, has_logger.then(logger));
+        instance.handle.observer = arguments.observer.clone().or_else(|| self.observer().cloned());
+        let observer = instance.handle.observer.clone();
+        let begin = || {
+            observer.iter().for_each(|observer| {
+                arguments.observe(function, self.version, |call| observer.begin(call))
+            });
+            Instant::now()
+        };
+        let end = |begun: Instant, is_instance: bool| {
+            let duration = begun.elapsed();
+            let status = Some(if is_instance { 0 } else { fmi3Error.0 });
+            let end = |observer: &Arc<dyn CallObserver>| {
+                arguments
+                    .observe(function, self.version, |call| observer.end(call, status, duration));
+            };
+            observer.iter().for_each(end);
+        };
         #[cfg(feature = "sandbox")]
         if let Binary::Component(component) = &self.binary {
-            self.trace(function);
+            let begun = begin();
             instance.handle.component = component.instantiate(arguments, environment)?;
+            end(begun, instance.handle.component.is_some());
             return Ok(instance.handle.component.is_some().then_some(instance));
         }
         let on = arguments.logging_on;
+        let (fmi2, fmi3) = self.functions();
+        let missing = || Failure::new(function, Cause::Missing);
         // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
         // until it is freed, and the FMU copies the value references.
         let pointer = unsafe {
             match (self.version, arguments.interface_type) {
                 (FmiVersion::Fmi2, interface_type) => {
-                    let instantiate = self.function(self.fmi2.fmi2Instantiate, function)?;
+                    let instantiate = fmi2.fmi2Instantiate.ok_or_else(missing)?;
                     let (kind, callbacks) = (interface_type as c_int, instance.callbacks());
-                    instantiate(name, kind, guid, resources, callbacks, 0, on.into())
+                    let begun = begin();
+                    let pointer = instantiate(name, kind, guid, resources, callbacks, 0, on.into());
+                    end(begun, !pointer.is_null());
+                    pointer
                 }
                 (FmiVersion::Fmi3, InterfaceType::ModelExchange) => {
-                    let found = self.fmi3.fmi3InstantiateModelExchange;
-                    let instantiate = self.function(found, function)?;
-                    instantiate(name, guid, resources, 0, on.into(), environment, log)
+                    let instantiate = fmi3.fmi3InstantiateModelExchange.ok_or_else(missing)?;
+                    let begun = begin();
+                    let pointer =
+                        instantiate(name, guid, resources, 0, on.into(), environment, log);
+                    end(begun, !pointer.is_null());
+                    pointer
                 }
                 (FmiVersion::Fmi3, InterfaceType::CoSimulation) => {
-                    let found = self.fmi3.fmi3InstantiateCoSimulation;
-                    let instantiate = self.function(found, function)?;
-                    instantiate(
+                    let instantiate = fmi3.fmi3InstantiateCoSimulation.ok_or_else(missing)?;
+                    let begun = begin();
+                    let pointer = instantiate(
                         name,
                         guid,
                         resources,
@@ -104,7 +132,9 @@ impl Library {
                         environment,
                         log,
                         update,
-                    )
+                    );
+                    end(begun, !pointer.is_null());
+                    pointer
                 }
             }
         };
@@ -115,6 +145,46 @@ impl Library {
         instance.strings = strings;
         instance.handle.pointer = pointer;
         Ok((!pointer.is_null()).then_some(instance))
+    }
+}
+
+impl Instantiation<'_> {
+    /// Passes the call to an observer, with its arguments.
+    fn observe(
+        &self,
+        function: &'static str,
+        version: FmiVersion,
+        receive: impl FnOnce(&ObservedCall<'_>),
+    ) {
+        let given = |name, element| Argument {
+            name,
+            direction: Direction::In,
+            values: Values::One(element),
+        };
+        let resources = (self.treatment != Treatment::NoResources).then_some(self.resources);
+        let (name, on) = (given("name", self.name.element()), self.logging_on.element());
+        let (visible, on) = (given("visible", false.element()), given("logging_on", on));
+        let resources = given("resources", resources.element());
+        let token = |name| given(name, self.guid.element());
+        let kind = given("kind", (self.interface_type as c_int).element());
+        let intermediate_variables = Argument {
+            name: "intermediate_variables",
+            direction: Direction::In,
+            values: Values::List(&self.intermediate_variables),
+        };
+        let arguments = match (version, self.interface_type) {
+            (FmiVersion::Fmi2, _) => vec![name, kind, token("guid"), resources, visible, on],
+            (FmiVersion::Fmi3, InterfaceType::ModelExchange) => {
+                vec![name, token("token"), resources, visible, on]
+            }
+            (FmiVersion::Fmi3, InterfaceType::CoSimulation) => {
+                let event_mode = given("event_mode_used", self.event_mode_used.element());
+                let early = given("early_return_allowed", self.early_return_allowed.element());
+                let token = token("token");
+                vec![name, token, resources, visible, on, event_mode, early, intermediate_variables]
+            }
+        };
+        receive(&ObservedCall { function, arguments: &arguments });
     }
 }
 
@@ -285,6 +355,7 @@ impl Instance {
                 library: Arc::clone(library),
                 pointer: ptr::null_mut(),
                 version: library.version(),
+                observer: None,
                 #[cfg(feature = "sandbox")]
                 component: None,
             },
@@ -465,18 +536,27 @@ impl Instance {
         };
         let get = name("fmi2GetReal", "fmi3GetFloat64");
         let set = name("fmi2SetReal", "fmi3SetFloat64");
-        let (fmi2, fmi3) = (&library.fmi2, &library.fmi3);
+        let (fmi2, fmi3) = library.functions();
+        let missing = |name| move || Failure::new(name, Cause::Missing);
         // SAFETY: the types follow the standard, which allows NULL for arrays without elements.
         let (got, was_set) = unsafe {
             match self.handle.version {
-                FmiVersion::Fmi2 => (
-                    library.function(fmi2.fmi2GetReal, get)?(i, ptr::null(), 0, out).0,
-                    library.function(fmi2.fmi2SetReal, set)?(i, ptr::null(), 0, none).0,
-                ),
-                FmiVersion::Fmi3 => (
-                    library.function(fmi3.fmi3GetFloat64, get)?(i, ptr::null(), 0, out, 0).0,
-                    library.function(fmi3.fmi3SetFloat64, set)?(i, ptr::null(), 0, none, 0).0,
-                ),
+                FmiVersion::Fmi2 => {
+                    let get_real = fmi2.fmi2GetReal.ok_or_else(missing(get))?;
+                    let set_real = fmi2.fmi2SetReal.ok_or_else(missing(set))?;
+                    (
+                        library.observe(get, || get_real(i, ptr::null(), 0, out).0),
+                        library.observe(set, || set_real(i, ptr::null(), 0, none).0),
+                    )
+                }
+                FmiVersion::Fmi3 => {
+                    let get_float = fmi3.fmi3GetFloat64.ok_or_else(missing(get))?;
+                    let set_float = fmi3.fmi3SetFloat64.ok_or_else(missing(set))?;
+                    (
+                        library.observe(get, || get_float(i, ptr::null(), 0, out, 0).0),
+                        library.observe(set, || set_float(i, ptr::null(), 0, none, 0).0),
+                    )
+                }
             }
         };
         library.outcome(get, got)?;
@@ -650,8 +730,18 @@ impl Drop for Instance {
         // SAFETY: the instance is not used again; the callbacks are from a box, and the FMU does not use
         // them after this call.
         unsafe {
-            if let Some(free) = free {
-                free(self.handle.pointer);
+            if let Some((function, free)) = free {
+                let pointer = self.handle.pointer;
+                match &self.handle.observer {
+                    None => free(pointer),
+                    Some(observer) => {
+                        let call = ObservedCall { function, arguments: &[] };
+                        observer.begin(&call);
+                        let begun = Instant::now();
+                        free(pointer);
+                        observer.end(&call, None, begun.elapsed());
+                    }
+                }
             }
             if let Some(callbacks) = self.callbacks {
                 drop(Box::from_raw(callbacks));

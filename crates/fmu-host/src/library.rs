@@ -1,18 +1,19 @@
 //! Loaded libraries, and the functions that do not need an instance.
 
-use std::collections::HashMap;
 use std::error::Error;
 use std::ffi::{c_int, c_void};
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::{fmt, mem, ptr};
+use std::time::Instant;
+use std::{fmt, ptr};
 
 use fmi_abi::{
     FmiVersion, FunctionGroup, InterfaceType, fmi2, fmi2_functions, fmi3, fmi3_functions,
 };
 
 use crate::logger::text;
+use crate::observed::{CallObserver, ObservedCall};
 use crate::outcome::{Cause, Failure, Result, Status, Success};
 use crate::resources::{resource_path, uri};
 #[cfg(feature = "sandbox")]
@@ -22,12 +23,11 @@ use crate::sandbox::{self, CompiledComponent};
 pub struct Library {
     pub(crate) binary: Binary,
     pub(crate) version: FmiVersion,
-    /// The functions of the version. All are empty if calls are traced: the calls then take the slow path, so that the
-    /// fast path has no overhead.
+    /// The functions of the version. All are empty if calls are observed, so that a call which is not has no overhead.
     pub(crate) fmi2: fmi2::Functions,
     pub(crate) fmi3: fmi3::Functions,
-    trace: Option<Trace>,
-    lost: AtomicBool,
+    pub(crate) observed: Option<Box<Observed>>,
+    pub(crate) lost: AtomicBool,
 }
 
 /// Where the functions of a library are.
@@ -57,16 +57,13 @@ impl Binary {
     }
 }
 
-/// The observer of the calls of a library.
-struct Trace {
-    /// Receives the name of each function before it is called.
-    tell: Box<dyn Fn(&'static str) + Send + Sync>,
-    /// The functions called so far: to look one up takes longer than most calls.
-    found: Mutex<HashMap<&'static str, Option<Untyped>>>,
+/// The functions of a library whose calls are observed.
+pub(crate) struct Observed {
+    pub(crate) fmi2: fmi2::Functions,
+    pub(crate) fmi3: fmi3::Functions,
+    /// Who observes the calls that have no other observer.
+    pub(crate) observer: Arc<dyn CallObserver>,
 }
-
-/// A function that is called by its own type.
-type Untyped = unsafe extern "C" fn();
 
 /// The dynamic loader's reason why a library cannot be loaded.
 #[derive(Debug, Clone)]
@@ -104,28 +101,37 @@ impl Library {
     /// # Errors
     /// The dynamic loader's reason.
     pub fn load(file: &Path, version: FmiVersion) -> std::result::Result<Arc<Self>, LoadError> {
-        let mut library = Self::new(open(file)?, version);
-        let binary = &library.binary;
-        match version {
-            FmiVersion::Fmi2 => library.fmi2 = fmi2_functions!(look_up! fmi2 binary),
-            FmiVersion::Fmi3 => library.fmi3 = fmi3_functions!(look_up! fmi3 binary),
-        }
-        Ok(Arc::new(library))
+        let binary = open(file)?;
+        let (fmi2, fmi3) = functions(&binary, version);
+        Ok(Arc::new(Self { fmi2, fmi3, ..Self::new(binary, version) }))
     }
 
-    /// Like [`Library::load`]; `trace` receives the name of each function before it is called. A component that
-    /// traps ends the process, as native code that crashes does.
+    /// Like [`Library::load`]; `observer` observes the loading, and the calls of each function and of instances that
+    /// have no observer of their own.
     ///
     /// # Errors
     /// The dynamic loader's reason.
-    pub fn load_traced(
+    pub fn load_observed(
         file: &Path,
         version: FmiVersion,
-        trace: impl Fn(&'static str) + Send + Sync + 'static,
+        observer: Arc<dyn CallObserver>,
     ) -> std::result::Result<Arc<Self>, LoadError> {
-        trace("loading it");
-        let trace = Trace { tell: Box::new(trace), found: Mutex::default() };
-        Ok(Arc::new(Self { trace: Some(trace), ..Self::new(open(file)?, version) }))
+        let call = ObservedCall { function: ObservedCall::LOADING, arguments: &[] };
+        observer.begin(&call);
+        let begun = Instant::now();
+        let binary = open(file)?;
+        observer.end(&call, None, begun.elapsed());
+        let (fmi2, fmi3) = functions(&binary, version);
+        Ok(Arc::new(Self::new(binary, version).observed_by(observer, fmi2, fmi3)))
+    }
+
+    pub(crate) fn observed_by(
+        self,
+        observer: Arc<dyn CallObserver>,
+        fmi2: fmi2::Functions,
+        fmi3: fmi3::Functions,
+    ) -> Self {
+        Self { observed: Some(Box::new(Observed { fmi2, fmi3, observer })), ..self }
     }
 
     pub(crate) fn new(binary: Binary, version: FmiVersion) -> Self {
@@ -134,7 +140,7 @@ impl Library {
             version,
             fmi2: fmi2::Functions::default(),
             fmi3: fmi3::Functions::default(),
-            trace: None,
+            observed: None,
             lost: AtomicBool::new(false),
         }
     }
@@ -179,52 +185,28 @@ impl Library {
         self.lost.load(Ordering::Relaxed)
     }
 
-    /// Returns the function to call, looked up again if needed.
-    ///
-    /// # Safety
-    /// `F` is the type of the function of this name in the standard.
-    #[inline]
-    pub(crate) unsafe fn function<F: Copy>(
-        &self,
-        found: Option<F>,
-        name: &'static str,
-    ) -> Result<F> {
-        match found {
-            Some(function) => Ok(function),
-            // SAFETY: the caller's promise.
-            None => unsafe { self.look_up(name) },
+    /// All functions of the version, observed or not.
+    pub(crate) fn functions(&self) -> (&fmi2::Functions, &fmi3::Functions) {
+        match &self.observed {
+            Some(observed) => (&observed.fmi2, &observed.fmi3),
+            None => (&self.fmi2, &self.fmi3),
         }
     }
 
-    /// # Safety
-    /// As for [`Library::function`].
-    #[cold]
-    unsafe fn look_up<F: Copy>(&self, name: &'static str) -> Result<F> {
-        // SAFETY: it is only called by the type that the caller promises.
-        let look_up = || unsafe { self.binary.get::<Untyped>(name) };
-        let function = match &self.trace {
-            Some(trace) => {
-                let mut found = trace.found.lock().unwrap_or_else(PoisonError::into_inner);
-                *found.entry(name).or_insert_with(look_up)
-            }
-            None => look_up(),
-        };
-        let function = function.ok_or_else(|| Failure::new(name, Cause::Missing))?;
-        self.trace(name);
-        // SAFETY: the caller's promise; all functions have the size of a pointer.
-        Ok(unsafe { mem::transmute_copy(&function) })
+    /// Who observes the calls of an instance without an observer of its own.
+    pub(crate) fn observer(&self) -> Option<&Arc<dyn CallObserver>> {
+        self.observed.as_ref().map(|observed| &observed.observer)
     }
 
-    #[cfg(feature = "sandbox")]
-    pub(crate) fn is_traced(&self) -> bool {
-        self.trace.is_some()
-    }
-
-    /// Says that a function is about to be called.
-    pub(crate) fn trace(&self, name: &'static str) {
-        if let Some(trace) = &self.trace {
-            (trace.tell)(name);
-        }
+    /// Makes a call that is of no instance, or in its own way.
+    pub(crate) fn observe<T>(&self, function: &'static str, call: impl FnOnce() -> T) -> T {
+        let Some(observer) = self.observer() else { return call() };
+        let observed = ObservedCall { function, arguments: &[] };
+        observer.begin(&observed);
+        let begun = Instant::now();
+        let result = call();
+        observer.end(&observed, None, begun.elapsed());
+        result
     }
 
     /// The outcome of a call.
@@ -242,8 +224,8 @@ impl Library {
         if let (Binary::Component(_), Status::Unknown(status)) = (&self.binary, status)
             && let Some(cause) = sandbox::cause(status)
         {
-            if cause == Cause::Trapped && self.trace.is_some() {
-                std::process::abort();
+            if cause == Cause::Trapped {
+                self.observer().iter().for_each(|observer| observer.trapped());
             }
             return Err(Failure::new(function, cause));
         }
@@ -271,7 +253,7 @@ impl Library {
         if let Binary::Component(component) = &self.binary {
             return Ok(vec![("fmi3GetVersion", component.version()?)]);
         }
-        let (fmi2, fmi3) = (&self.fmi2, &self.fmi3);
+        let (fmi2, fmi3) = self.functions();
         let functions = match self.version {
             FmiVersion::Fmi2 => vec![
                 ("fmi2GetVersion", fmi2.fmi2GetVersion),
@@ -280,9 +262,10 @@ impl Library {
             FmiVersion::Fmi3 => vec![("fmi3GetVersion", fmi3.fmi3GetVersion)],
         };
         let texts = functions.into_iter().map(|(name, found)| {
+            let function = found.ok_or_else(|| Failure::new(name, Cause::Missing))?;
             // SAFETY: all functions that return a string have this type; a foreign binary is trusted to
             // terminate it, as described in the crate documentation.
-            let text = unsafe { text(self.function(found, name)?()) };
+            let text = self.observe(name, || unsafe { text(function()) });
             let text = text.ok_or_else(|| Failure::new(name, Cause::Broke("returned NULL")))?;
             Ok((name, text))
         });
@@ -298,19 +281,31 @@ impl Library {
         if let Binary::Component(_) = &self.binary {
             return Ok(());
         }
+        let (name, free) = self.free_function()?;
         // SAFETY: the type follows the standard, which allows NULL.
-        unsafe { self.free_function()?(ptr::null_mut()) };
+        self.observe(name, || unsafe { free(ptr::null_mut()) });
         Ok(())
     }
 
-    /// The function that frees an instance, which has the same type in both versions.
-    pub(crate) fn free_function(&self) -> Result<unsafe extern "C" fn(*mut c_void)> {
+    /// The function that frees an instance, with its name, which has the same type in both versions.
+    pub(crate) fn free_function(
+        &self,
+    ) -> Result<(&'static str, unsafe extern "C" fn(*mut c_void))> {
+        let (fmi2, fmi3) = self.functions();
         let (found, name) = match self.version {
-            FmiVersion::Fmi2 => (self.fmi2.fmi2FreeInstance, "fmi2FreeInstance"),
-            FmiVersion::Fmi3 => (self.fmi3.fmi3FreeInstance, "fmi3FreeInstance"),
+            FmiVersion::Fmi2 => (fmi2.fmi2FreeInstance, "fmi2FreeInstance"),
+            FmiVersion::Fmi3 => (fmi3.fmi3FreeInstance, "fmi3FreeInstance"),
         };
-        // SAFETY: the type follows the standard.
-        unsafe { self.function(found, name) }
+        let free = found.ok_or_else(|| Failure::new(name, Cause::Missing))?;
+        Ok((name, free))
+    }
+}
+
+/// The functions of a binary.
+fn functions(binary: &Binary, version: FmiVersion) -> (fmi2::Functions, fmi3::Functions) {
+    match version {
+        FmiVersion::Fmi2 => (fmi2_functions!(look_up! fmi2 binary), Default::default()),
+        FmiVersion::Fmi3 => (Default::default(), fmi3_functions!(look_up! fmi3 binary)),
     }
 }
 

@@ -148,7 +148,7 @@ impl Instance {
         (3, self.not_ok(GET, status.unwrap_or_default()))
     }
 
-    /// [`Instance::cycle`] of a component of `fmu-export`, in one call, unless calls are traced.
+    /// [`Instance::cycle`] of a component of `fmu-export`, in one call, unless calls are observed.
     #[cfg(feature = "sandbox")]
     #[inline(never)]
     fn cycle_of_component(

@@ -1,11 +1,13 @@
 //! The arguments and the results of functions of FMI in Rust.
 
 use std::ffi::c_void;
+use std::sync::Arc;
 use std::time::Duration;
 
 use fmi_abi::InterfaceType;
 
 use crate::logger::OnIntermediate;
+use crate::observed::CallObserver;
 use crate::outcome::{Cause, Failure, Success};
 use crate::quick::NotOk;
 
@@ -30,6 +32,8 @@ pub struct Instantiation<'a> {
     pub intermediate_variables: &'a [u32],
     /// Receives intermediate updates, during a step and on its thread.
     pub on_intermediate: Option<OnIntermediate>,
+    /// Who observes the calls of the instance, if the library is observed.
+    pub observer: Option<Arc<dyn CallObserver>>,
     /// How the arguments are treated.
     pub treatment: Treatment,
     /// The limits of an instance of a WebAssembly component.

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use fmu_description::{Type, Value};
 use fmu_host::{
-    Cause, Failure, FmiVersion, Instance, Instantiation, InterfaceType, Library, LogMessage,
-    Status, Success,
+    CallObserver, Cause, Direction, Failure, FmiVersion, Instance, Instantiation, InterfaceType,
+    Library, LogMessage, ObservedCall, Status, StepVariables, Success,
 };
 use tempfile::TempDir;
 
@@ -114,21 +115,60 @@ fn a_library_is_unloaded_after_its_last_instance() {
     assert!(!is_loaded());
 }
 
+/// Notes each call, as `name(in) -> status(out)`.
+#[derive(Default)]
+struct Noted(Mutex<Vec<String>>);
+
+impl Noted {
+    fn list(call: &ObservedCall<'_>, wanted: Direction) -> String {
+        let mut all = Vec::new();
+        for (index, (name, direction)) in call.arguments().enumerate() {
+            if direction == wanted {
+                let mut elements = Vec::new();
+                let is_list = call.elements(index, &mut |element| elements.push(element));
+                all.push(format!("{name}{}{elements:?}", if is_list { "=" } else { " " }));
+            }
+        }
+        all.join(", ")
+    }
+}
+
+impl CallObserver for Noted {
+    fn begin(&self, call: &ObservedCall<'_>) {
+        let line = format!("{}({})", call.function, Self::list(call, Direction::In));
+        self.0.lock().unwrap().push(line);
+    }
+
+    fn end(&self, call: &ObservedCall<'_>, status: Option<i32>, _: Duration) {
+        let line = format!(" -> {status:?}({})", Self::list(call, Direction::Out));
+        self.0.lock().unwrap().last_mut().unwrap().push_str(&line);
+    }
+}
+
 #[test]
-fn the_trace_receives_each_function_before_it_is_called() {
+fn an_observer_sees_each_call_with_its_arguments_before_and_after() {
     let (_folder, file) = compile();
-    let calls = Arc::new(Mutex::new(Vec::new()));
-    let trace = Arc::clone(&calls);
-    let library = Library::load_traced(&file, FmiVersion::Fmi3, move |name| {
-        trace.lock().unwrap().push(name);
-    });
+    let noted = Arc::new(Noted::default());
+    let library = Library::load_observed(&file, FmiVersion::Fmi3, noted.clone());
     let (instance, _log) = instantiate(&library.unwrap(), &arguments());
     let mut instance = instance.unwrap();
+    instance.access_at_steps(StepVariables::new(&[0], 0..2), StepVariables::new(&[0], 0..2));
+    assert!(instance.set_at_step(&[1.5, 2.0]).is_none());
+    instance.get_float64(&[0], &mut [0.0; 2]).unwrap();
     instance.do_step(0.0, -1.0).unwrap_err();
     instance.reset().unwrap_err(); // it is missing
     drop(instance);
-    let called = ["loading it", "fmi3InstantiateCoSimulation", "fmi3DoStep", "fmi3FreeInstance"];
-    assert_eq!(*calls.lock().unwrap(), called);
+    let noted = noted.0.lock().unwrap();
+    assert_eq!(noted[0], "loading it() -> None()");
+    assert!(noted[1].starts_with("fmi3InstantiateCoSimulation(name "), "{}", noted[1]);
+    assert!(noted[1].ends_with("-> Some(0)()"), "{}", noted[1]);
+    let values = "values=[Float64(1.5), Float64(2.0)]";
+    assert_eq!(noted[2], format!("fmi3SetFloat64(references=[Integer(0)], {values}) -> Some(0)()"));
+    assert_eq!(noted[3], format!("fmi3GetFloat64(references=[Integer(0)]) -> Some(0)({values})"));
+    assert!(noted[4].starts_with(
+        "fmi3DoStep(time [Float64(0.0)], step [Float64(-1.0)], no_set_state [Integer(1)]) -> Some(3)"
+    ), "{}", noted[4]);
+    assert_eq!(noted[5..], ["fmi3FreeInstance() -> None()"]);
 }
 
 #[test]

@@ -146,7 +146,7 @@ impl Function {
         let start = variables.iter().flat_map(|variable| variable.start.iter().cloned());
         let (instance, log) = (name.to_owned(), messages.clone());
         let sink = move |logged| log.log(&instance, &logged);
-        Instance::of_function(start.collect(), Box::new(step), sink)
+        Instance::of_function(start.collect(), Box::new(step), sink, None)
     }
 }
 

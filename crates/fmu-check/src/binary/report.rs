@@ -3,7 +3,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fmu_description::FmiVersion;
-use fmu_host::InterfaceType;
+use fmu_host::{CallObserver, InterfaceType, ObservedCall};
 use fmu_worker::{Calls, Function, Record, Service};
 
 use crate::binary::task::{Reply, logged};
@@ -30,6 +30,17 @@ pub struct Reporter {
     service: Mutex<Service>,
 }
 
+/// Records each call. A component that traps ends the process, as native code that crashes does.
+impl CallObserver for Reporter {
+    fn begin(&self, call: &ObservedCall<'_>) {
+        lock(&self.calls).begin(Function::named(call.function).or(Some(Function::LOADING)));
+    }
+
+    fn trapped(&self) {
+        std::process::abort();
+    }
+}
+
 impl Reporter {
     pub fn new(service: Service, version: FmiVersion, interface_type: InterfaceType) -> Self {
         Self {
@@ -39,10 +50,6 @@ impl Reporter {
             record: service.record().clone(),
             service: service.into(),
         }
-    }
-
-    pub fn call(&self, name: &str) {
-        lock(&self.calls).begin(Function::named(name).or(Some(Function::LOADING)));
     }
 
     /// Records the time (s) of the run.

@@ -37,9 +37,8 @@ pub fn run() -> Result<()> {
     let report = Arc::new(Reporter::new(service, model.version, task.interface_type()));
     let probe = Probe::named(&task.probe)?;
     let folder = task.session.join(FMU);
-    let trace = Arc::clone(&report);
-    let call = move |name| trace.call(name);
-    let library = Library::load_traced(&folder.join(&task.binary), model.version, call);
+    let observer = Arc::clone(&report);
+    let library = Library::load_observed(&folder.join(&task.binary), model.version, observer);
     let outcome = match &library {
         Ok(library) => {
             let subject = Subject::new(&task, &model, library, &report);
