@@ -6,7 +6,7 @@ use fmu_description::table::Declaration;
 use fmu_description::{
     Causality, Naming, StateError, StateReader, StateWriter, references, scalar,
 };
-use ode_methods::solver::{self, Advanced, Step, Workspace};
+use ode_methods::solver::{self, Advanced, DormandPrince, Step, Workspace};
 
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::deprecated;
@@ -178,7 +178,7 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
         const HAS_EVENT_MODE: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));
         const HAS_STEPS: bool = InstanceType::HAS_CO_SIMULATION;
         match HAS_STEPS && (M::IS_INTEGRATED || M::IS_CONTINUOUS && HAS_EVENT_MODE) {
-            true => solver::advance(&mut ModelEquations(self), with, step),
+            true => solver::advance::<DormandPrince, _>(&mut ModelEquations(self), with, step),
             false => Err(ModelError::refuse("the model has no equations")),
         }
     }

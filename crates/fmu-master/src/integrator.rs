@@ -7,7 +7,7 @@
 
 use fmu_description::{FmiVersion, Variability};
 use fmu_host::Instance;
-use ode_methods::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
+use ode_methods::solver::{self, Advanced, DormandPrince, Events, OdeSystem, Step, Workspace};
 
 use crate::Fmu;
 use crate::recorded_instance::{IntegrationError, IntegrationResult, Operation, RecordedInstance};
@@ -212,7 +212,7 @@ impl<'a> Integrator<'a> {
             restarts: self.restarts,
         };
         let mut workspace = std::mem::take(&mut self.workspace);
-        let advanced = solver::advance(
+        let advanced = solver::advance::<DormandPrince, _>(
             &mut ComponentEquations { recorded, integrator: self },
             &mut workspace,
             &step,

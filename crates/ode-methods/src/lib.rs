@@ -9,5 +9,6 @@ extern crate alloc;
 extern crate std;
 
 pub mod dormand_prince;
+pub mod rodas5p;
 #[cfg(feature = "solver")]
 pub mod solver;

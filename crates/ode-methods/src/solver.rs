@@ -1,21 +1,30 @@
-//! The integration of equations over communication steps, with error control and the location of events.
+//! The integration of equations over communication steps, with error control and the location of events, by an
+//! explicit or an implicit [`Method`].
 //!
 //! It remembers nothing between steps but what [`Advanced`] returns, so that a state is saved with a few numbers. All
 //! memory is in a [`Workspace`].
 
+mod explicit;
+mod implicit;
+mod linearization;
+mod lu;
+
+use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;
 use core::fmt::Arguments;
+use core::marker::PhantomData;
 
-use crate::dormand_prince::{
-    ERROR, MAX_SHRINKAGE, NODES, STAGES, WEIGHTS, factor, interpolate, weighted,
-};
+use self::linearization::Linearization;
+use crate::dormand_prince::{MAX_SHRINKAGE, STAGES, factor};
+
+pub use self::explicit::DormandPrince;
+pub use self::implicit::Rodas5p;
 
 /// Maximum number of internal steps between two events; more would take seconds to compute.
 const MAX_STEPS: u32 = 100_000;
-/// So many events take at least [`MIN_PROGRESS`] of the communication step, or they are chattering.
+/// Maximum number of events that follow each other without an internal step between them: they are chattering.
 const MAX_EVENTS: u32 = 1000;
-const MIN_PROGRESS: f64 = 1e-4;
 /// Smallest relative tolerance that is kept, above rounding errors.
 const MIN_TOLERANCE: f64 = 1e-12;
 /// Size of the first internal step after an event that leaves an indicator close to zero, in units of the resolution
@@ -52,6 +61,18 @@ pub trait OdeSystem {
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, Self::Error>;
     /// Reads the derivatives of the states.
     fn derivatives(&mut self, derivatives: &mut [f64]);
+    /// Multiplies the Jacobian of the derivatives with respect to the states by a direction of the states, where the
+    /// system was last evaluated. Returns false if the system cannot, so that an implicit method takes differences.
+    ///
+    /// # Errors
+    /// The product cannot be computed.
+    fn directional_derivative(
+        &mut self,
+        _direction: &[f64],
+        _product: &mut [f64],
+    ) -> Result<bool, Self::Error> {
+        Ok(false)
+    }
     /// The value of an event indicator when the system was last evaluated.
     fn event_indicator(&mut self, indicator: usize) -> f64;
     /// The error that names what is not finite.
@@ -132,6 +153,8 @@ pub struct Workspace {
     slopes: [Vec<f64>; STAGES],
     /// Whether each event indicator is positive at the start of an internal step, or before an event.
     signs: Vec<bool>,
+    /// What an implicit method needs besides.
+    linearization: Option<Box<Linearization>>,
 }
 
 impl Workspace {
@@ -144,22 +167,57 @@ impl Workspace {
             point: zeros(),
             slopes: core::array::from_fn(|_| zeros()),
             signs: vec![false; indicators],
+            linearization: None,
         }
+    }
+
+    /// The same for an implicit method. `dependencies` has the states on which each derivative depends; without, each
+    /// depends on all. Two matrices have the square of the number of states as elements.
+    pub fn implicit(states: usize, indicators: usize, dependencies: Option<&[Vec<usize>]>) -> Self {
+        let linearization = Some(Box::new(Linearization::new(states, dependencies)));
+        Self { linearization, ..Self::new(states, indicators) }
     }
 }
 
-/// Integrates over a communication step, or to an event that ends it.
+/// A one-step method that estimates the error of a step, and interpolates within it.
+pub trait Method: Sized {
+    /// Takes an internal step of size `h` that ends at `to`: the states and their derivatives at its end.
+    ///
+    /// # Errors
+    /// The system cannot be evaluated, and no shorter step may succeed.
+    fn try_step<E: SolverError>(
+        run: &mut IntegrationRun<'_, E, Self>,
+        h: f64,
+        to: f64,
+    ) -> Result<Trial<E>, E>;
+    /// Computes the states at a fraction of an internal step of size `h`.
+    fn interpolate(w: &mut Workspace, fraction: f64, h: f64);
+    /// Estimates the size of the first internal step.
+    ///
+    /// # Errors
+    /// As for [`Method::try_step`].
+    fn estimate_size<E: SolverError>(
+        run: &mut IntegrationRun<'_, E, Self>,
+        remaining: f64,
+    ) -> Result<f64, E>;
+    /// Times that differ less are equal.
+    fn resolution<E>(run: &IntegrationRun<'_, E, Self>) -> f64;
+    /// Forgets what it knows of the point at which the last internal step started.
+    fn leave(_w: &mut Workspace) {}
+}
+
+/// Integrates over a communication step by a method, or to an event that ends it.
 ///
 /// Afterwards, the system is evaluated at the end of the step; if it fails, at any point.
 ///
 /// # Errors
 /// The errors of the system, and a discarded step, if it would take too many internal steps or events.
-pub fn advance<E: SolverError>(
+pub fn advance<M: Method, E: SolverError>(
     system: &mut dyn OdeSystem<Error = E>,
     workspace: &mut Workspace,
     step: &Step,
 ) -> Result<Advanced, E> {
-    let mut run = IntegrationRun::new(system, workspace, step);
+    let mut run = IntegrationRun::<_, M>::new(system, workspace, step);
     run.begin()?;
     while let Some((end, event)) = run.next_event() {
         run.integrate(end)?;
@@ -171,7 +229,7 @@ pub fn advance<E: SolverError>(
 }
 
 /// A step that is being taken. Times are relative to its start, unless they are called absolute.
-struct IntegrationRun<'a, E> {
+pub struct IntegrationRun<'a, E, M> {
     system: &'a mut dyn OdeSystem<Error = E>,
     w: &'a mut Workspace,
     step: &'a Step,
@@ -180,7 +238,7 @@ struct IntegrationRun<'a, E> {
     size: f64,
     /// Number of internal steps since the last event.
     steps: u32,
-    /// Number of events since a time.
+    /// Number of events since the last internal step, and the time of the first of them.
     events: u32,
     counted_from: f64,
     /// The absolute time until which events are handled.
@@ -189,6 +247,7 @@ struct IntegrationRun<'a, E> {
     has_event: bool,
     /// Whether the last event has left an indicator close to zero, and no internal step was taken since.
     restarts: bool,
+    method: PhantomData<M>,
 }
 
 /// What causes an event.
@@ -205,14 +264,14 @@ enum EventCause {
 }
 
 /// The outcome of an internal step.
-enum Trial<E> {
+pub enum Trial<E> {
     /// The error relative to the tolerance; not finite if the equations have no values somewhere.
     Error(f64),
     /// The model discards a point.
     Discarded(E),
 }
 
-impl<'a, E: SolverError> IntegrationRun<'a, E> {
+impl<'a, E: SolverError, M: Method> IntegrationRun<'a, E, M> {
     fn new(system: &'a mut dyn OdeSystem<Error = E>, w: &'a mut Workspace, step: &'a Step) -> Self {
         Self {
             system,
@@ -226,12 +285,8 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
             handled: step.handled,
             has_event: false,
             restarts: step.restarts,
+            method: PhantomData,
         }
-    }
-
-    /// The absolute time.
-    fn now(&self) -> f64 {
-        self.step.time + self.reached
     }
 
     /// Begins the step, with an event if the caller or new inputs have caused one.
@@ -261,6 +316,7 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
             return Err(self.stopped(error));
         }
         self.system.derivatives(&mut self.w.slopes[0]);
+        M::leave(self.w);
         Ok(())
     }
 
@@ -325,7 +381,7 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
     fn take_internal_step(&mut self, end: f64) -> Result<(), E> {
         let remaining = end - self.reached;
         if self.size == 0.0 {
-            self.size = self.estimate_size(remaining)?.max(self.resolution());
+            self.size = M::estimate_size(self, remaining)?.max(self.resolution());
         }
         loop {
             self.steps += 1;
@@ -340,7 +396,7 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
                 true => (remaining, end),
                 false => (self.longest(), self.reached + self.longest()),
             };
-            let mut trial = self.try_step(h, to)?;
+            let mut trial = M::try_step(self, h, to)?;
             if let Trial::Error(error) = trial
                 && error <= 1.0
             {
@@ -379,7 +435,7 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
 
     /// Times that differ less are equal.
     fn resolution(&self) -> f64 {
-        4.0 * f64::EPSILON * (self.step.time.abs() + self.step.size)
+        M::resolution(self)
     }
 
     /// Ends an internal step, at whose end the system is evaluated.
@@ -388,7 +444,8 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
         core::mem::swap(&mut self.w.states, &mut self.w.next);
         self.w.slopes.swap(0, 6);
         self.keep_signs();
-        self.restarts = false;
+        M::leave(self.w);
+        (self.restarts, self.events) = (false, 0);
     }
 
     /// Locates the first change of an indicator's sign in an internal step, by bisection, and handles the
@@ -418,28 +475,10 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
 
     /// Evaluates the equations at a fraction of an internal step.
     fn evaluate_within(&mut self, fraction: f64, h: f64) -> Result<Option<Trial<E>>, E> {
-        self.interpolate(fraction, h);
+        M::interpolate(self.w, fraction, h);
         let time = self.now() + fraction * h;
         let evaluated = self.system.evaluate(time, &self.w.point);
         self.judge(evaluated)
-    }
-
-    /// What failed in an evaluation, if a shorter internal step may succeed.
-    fn judge(&self, evaluated: Result<bool, E>) -> Result<Option<Trial<E>>, E> {
-        match evaluated {
-            Ok(true) => Ok(None),
-            Ok(false) => Ok(Some(Trial::Error(f64::INFINITY))),
-            Err(error) if error.is_discarded() => Ok(Some(Trial::Discarded(error))),
-            Err(error) => Err(self.stopped(error)),
-        }
-    }
-
-    /// Computes the states at a fraction of an internal step.
-    fn interpolate(&mut self, fraction: f64, h: f64) {
-        let w = &mut *self.w;
-        for (i, point) in w.point.iter_mut().enumerate() {
-            *point = interpolate(fraction, h, (w.states[i], w.next[i]), &w.slopes, i);
-        }
     }
 
     /// Handles an event at an absolute time.
@@ -469,86 +508,19 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
         Ok(())
     }
 
-    /// Counts an event, and discards the step if events follow each other without end.
+    /// Counts an event, and discards the step if events follow each other without progress.
     fn count_event(&mut self) -> Result<(), E> {
+        if self.events == 0 {
+            self.counted_from = self.reached;
+        }
         (self.steps, self.events) = (0, self.events + 1);
         if self.events > MAX_EVENTS {
             let progress = self.reached - self.counted_from;
-            if progress < MIN_PROGRESS * self.step.size {
-                return Err(self.discard(format_args!(
-                    "there are more than {MAX_EVENTS} events within {progress:.1e} s"
-                )));
-            }
-            (self.events, self.counted_from) = (1, self.reached);
+            return Err(self.discard(format_args!(
+                "there are more than {MAX_EVENTS} events within {progress:.1e} s"
+            )));
         }
         Ok(())
-    }
-
-    /// Takes the stages of an internal step of size `h` that ends at `to`.
-    fn try_step(&mut self, h: f64, to: f64) -> Result<Trial<E>, E> {
-        for (stage, weights) in WEIGHTS.iter().enumerate().skip(1) {
-            for i in 0..self.w.states.len() {
-                let slope = weighted(weights, &self.w.slopes, i);
-                self.w.next[i] = self.w.states[i] + h * slope;
-            }
-            let time = match NODES[stage] {
-                1.0 => to,
-                node => self.reached + node * h,
-            };
-            let evaluated = self.system.evaluate(self.step.time + time, &self.w.next);
-            if let Some(failed) = self.judge(evaluated)? {
-                return Ok(failed);
-            }
-            self.system.derivatives(&mut self.w.slopes[stage]);
-        }
-        let w = &self.w;
-        Ok(Trial::Error(self.norm(|i| {
-            let largest = w.states[i].abs().max(w.next[i].abs());
-            h * weighted(&ERROR, &w.slopes, i) / self.scale(i, largest)
-        })))
-    }
-
-    /// The error of a state that is tolerated where its magnitude is `value`.
-    fn scale(&self, state: usize, value: f64) -> f64 {
-        self.step.tolerance.max(MIN_TOLERANCE) * (self.system.nominal(state) + value)
-    }
-
-    /// The root mean square of a number for each state.
-    fn norm(&self, of: impl Fn(usize) -> f64) -> f64 {
-        // A sum, not a maximum: `max` would hide a NaN.
-        let sum: f64 = (0..self.w.states.len()).map(|i| of(i) * of(i)).sum();
-        libm::sqrt(sum / self.w.states.len().max(1) as f64)
-    }
-
-    /// Estimates the size of the first internal step from the first two derivatives (Hairer, Nørsett and
-    /// Wanner, section II.4).
-    fn estimate_size(&mut self, remaining: f64) -> Result<f64, E> {
-        let w = &self.w;
-        let relative = |value: f64, i: usize| value / self.scale(i, w.states[i].abs());
-        let size = self.norm(|i| relative(w.states[i], i));
-        let slope = self.norm(|i| relative(w.slopes[0][i], i));
-        let is_known = size > 1e-5 && slope > 1e-5;
-        let probe = if is_known { remaining.min(0.01 * size / slope) } else { 1e-3 * remaining };
-        for i in 0..self.w.states.len() {
-            self.w.point[i] = self.w.states[i] + probe * self.w.slopes[0][i];
-        }
-        let time = self.now() + probe;
-        let evaluated = self.system.evaluate(time, &self.w.point);
-        if self.judge(evaluated)?.is_some() {
-            return Ok(probe * MAX_SHRINKAGE);
-        }
-        self.system.derivatives(&mut self.w.slopes[1]);
-        let w = &self.w;
-        let relative = |value: f64, i: usize| value / self.scale(i, w.states[i].abs());
-        let change = self.norm(|i| relative(w.slopes[1][i] - w.slopes[0][i], i)) / probe;
-        let size = libm::pow(0.01 / change.max(slope).max(1e-15), 0.2);
-        Ok(if is_known { size.min(100.0 * probe) } else { size })
-    }
-
-    /// The error after which the integration cannot go on from the current time.
-    #[cold]
-    fn stopped(&self, error: E) -> E {
-        error.with_prefix(format_args!("the integration stopped at t = {:?} s", self.now()))
     }
 
     #[cold]
@@ -569,6 +541,42 @@ impl<'a, E: SolverError> IntegrationRun<'a, E> {
                 self.stopped(error)
             }
         }
+    }
+}
+
+/// What methods use of a step that is being taken.
+impl<E: SolverError, M> IntegrationRun<'_, E, M> {
+    /// The absolute time.
+    fn now(&self) -> f64 {
+        self.step.time + self.reached
+    }
+
+    /// What failed in an evaluation, if a shorter internal step may succeed.
+    fn judge(&self, evaluated: Result<bool, E>) -> Result<Option<Trial<E>>, E> {
+        match evaluated {
+            Ok(true) => Ok(None),
+            Ok(false) => Ok(Some(Trial::Error(f64::INFINITY))),
+            Err(error) if error.is_discarded() => Ok(Some(Trial::Discarded(error))),
+            Err(error) => Err(self.stopped(error)),
+        }
+    }
+
+    /// The error of a state that is tolerated where its magnitude is `value`.
+    fn scale(&self, state: usize, value: f64) -> f64 {
+        self.step.tolerance.max(MIN_TOLERANCE) * (self.system.nominal(state) + value)
+    }
+
+    /// The root mean square of a number for each state.
+    fn norm(&self, of: impl Fn(usize) -> f64) -> f64 {
+        // A sum, not a maximum: `max` would hide a NaN.
+        let sum: f64 = (0..self.w.states.len()).map(|i| of(i) * of(i)).sum();
+        libm::sqrt(sum / self.w.states.len().max(1) as f64)
+    }
+
+    /// The error after which the integration cannot go on from the current time.
+    #[cold]
+    fn stopped(&self, error: E) -> E {
+        error.with_prefix(format_args!("the integration stopped at t = {:?} s", self.now()))
     }
 }
 
@@ -599,6 +607,7 @@ mod tests {
     }
 
     type Indicators<const N: usize> = fn(&[f64; N]) -> Vec<f64>;
+    type Product<const N: usize> = fn(&[f64; N], &[f64; N]) -> [f64; N];
 
     /// A system of `N` states, with what it was evaluated at last.
     struct Equations<const N: usize> {
@@ -611,6 +620,8 @@ mod tests {
         ends_with_events: bool,
         states: [f64; N],
         slopes: [f64; N],
+        /// The products with the Jacobian, if the system has them.
+        product: Option<Product<N>>,
         evaluations: u32,
         events: Vec<f64>,
     }
@@ -636,6 +647,17 @@ mod tests {
 
         fn derivatives(&mut self, derivatives: &mut [f64]) {
             derivatives.copy_from_slice(&self.slopes);
+        }
+
+        fn directional_derivative(
+            &mut self,
+            direction: &[f64],
+            product: &mut [f64],
+        ) -> Result<bool, Reason> {
+            let direction = direction.try_into().unwrap();
+            let known = self.product.map(|multiply| multiply(&self.states, direction));
+            known.iter().for_each(|known| product.copy_from_slice(known));
+            Ok(known.is_some())
         }
 
         fn event_indicator(&mut self, indicator: usize) -> f64 {
@@ -674,6 +696,7 @@ mod tests {
             ends_with_events: false,
             states,
             slopes: [0.0; N],
+            product: None,
             evaluations: 0,
             events: Vec::new(),
         }
@@ -694,8 +717,17 @@ mod tests {
         restarts: false,
     };
 
-    /// Takes steps of this size until `end`. Returns the states at the end.
     fn run<const N: usize>(
+        system: &mut Equations<N>,
+        size: f64,
+        end: f64,
+        tolerance: f64,
+    ) -> Result<[f64; N], Reason> {
+        run_by::<DormandPrince, N>(system, size, end, tolerance)
+    }
+
+    /// Takes steps of this size until `end`. Returns the states at the end.
+    fn run_by<M: Method, const N: usize>(
         system: &mut Equations<N>,
         size: f64,
         end: f64,
@@ -705,7 +737,7 @@ mod tests {
         let mut workspace = Workspace::new(N, indicators);
         let mut step = Step { size, tolerance, ..STEP };
         while step.time < end - 1e-9 {
-            let advanced = advance(system, &mut workspace, &step)?;
+            let advanced = advance::<M, _>(system, &mut workspace, &step)?;
             (step.handled, step.restarts) = (advanced.handled, advanced.restarts);
             step.time += size; // with rounding errors that add up
         }
@@ -742,23 +774,44 @@ mod tests {
 
     #[test]
     fn the_dense_output_is_of_fourth_order() {
-        let error = |h: f64| {
-            let (mut oscillator, mut w) = (oscillator(), Workspace::new(2, 0));
-            let step = Step { size: h, tolerance: 1.0, ..STEP };
-            let mut run =
-                IntegrationRun { size: h, ..IntegrationRun::new(&mut oscillator, &mut w, &step) };
-            run.begin().unwrap();
-            run.try_step(h, h).ok().unwrap();
-            let [start, within, end] = [0.0, 0.3, 1.0].map(|fraction| {
-                run.interpolate(fraction, h);
-                let (sin, cos) = libm::sincos(fraction * h);
-                (run.w.point[0] - cos - 0.5 * sin).abs()
-            });
-            assert!(start == 0.0 && end < 1e-5 * h);
-            within
+        fn order<M: Method>() -> f64 {
+            let error = |h: f64| {
+                let (mut oscillator, mut w) = (oscillator(), Workspace::new(2, 0));
+                let step = Step { size: h, tolerance: 1.0, ..STEP };
+                let mut run = IntegrationRun::<_, M>::new(&mut oscillator, &mut w, &step);
+                run.begin().unwrap();
+                M::try_step(&mut run, h, h).ok().unwrap();
+                let [start, within, end] = [0.0, 0.3, 1.0].map(|fraction| {
+                    M::interpolate(run.w, fraction, h);
+                    let (sin, cos) = libm::sincos(fraction * h);
+                    (run.w.point[0] - cos - 0.5 * sin).abs()
+                });
+                assert!(start == 0.0 && end < 1e-5 * h);
+                within
+            };
+            libm::log2(error(0.2) / error(0.1))
+        }
+        for order in [order::<DormandPrince>(), order::<Rodas5p>()] {
+            assert!((order - 5.0).abs() < 0.5, "local order {order}");
+        }
+    }
+
+    #[test]
+    fn the_implicit_method_is_of_fifth_order_also_where_time_is_explicit() {
+        // x = 1 / (1 + sin t).
+        let error = |steps: u32| {
+            let mut swing = system(|t, [x]| [-x * x * libm::cos(t)], [1.0]);
+            let (h, mut w) = (2.0 / f64::from(steps), Workspace::implicit(1, 0, None));
+            for k in 0..steps {
+                let step = Step { time: f64::from(k) * h, size: h, ..STEP };
+                let mut run = IntegrationRun::<_, Rodas5p>::new(&mut swing, &mut w, &step);
+                run.begin().unwrap();
+                Rodas5p::try_step(&mut run, h, h).ok().unwrap();
+            }
+            (swing.states[0] - 1.0 / (1.0 + libm::sin(2.0))).abs()
         };
-        let order = libm::log2(error(0.2) / error(0.1));
-        assert!((order - 5.0).abs() < 0.5, "local order {order}");
+        let order = libm::log2(error(20) / error(40));
+        assert!((order - 5.0).abs() < 0.5, "order {order}");
     }
 
     #[test]
@@ -854,5 +907,95 @@ mod tests {
         assert!(error.is_discarded);
         assert!(error.text.contains("t = 0.5"), "{}", error.text);
         assert!(error.text.contains("more than 1000 events within"), "{}", error.text);
+    }
+
+    /// Robertson's reaction, whose slowest part takes 1e11 s.
+    fn robertson() -> Equations<3> {
+        let right = |_, [a, b, c]: &[f64; 3]| {
+            let (slow, fast) = (0.04 * a - 1e4 * b * c, 3e7 * b * b);
+            [-slow, slow - fast, fast]
+        };
+        system(right, [1.0, 0.0, 0.0])
+    }
+
+    /// Its Jacobian times a direction.
+    fn robertson_product([_, b, c]: &[f64; 3], [da, db, dc]: &[f64; 3]) -> [f64; 3] {
+        let (slow, fast) = (0.04 * da - 1e4 * (db * c + b * dc), 6e7 * b * db);
+        [-slow, slow - fast, fast]
+    }
+
+    #[test]
+    fn robertson_s_reaction_has_its_published_concentrations() {
+        // To four digits at 40 s in the documentation of LSODE, and at 1e11 s in the Test Set for Initial Value Problem
+        // Solvers (Mazzia and Magherini, 2008).
+        let late = [0.2083340149701255e-7, 0.8333360770334713e-13, 0.999999979166505];
+        let published = [(40.0, 1e-8, [7.158e-1, 9.186e-6, 2.842e-1]), (1e11, 1e-11, late)];
+        for (end, tolerance, expected) in published {
+            let differences = (end == 40.0).then_some(None);
+            let product: Product<3> = robertson_product;
+            for product in differences.into_iter().chain([Some(product)]) {
+                // In one step, whose size says nothing of the reaction.
+                let mut reaction = Equations { product, ..robertson() };
+                let found = run_by::<Rodas5p, 3>(&mut reaction, end, end, tolerance).unwrap();
+                for (found, expected) in found.iter().zip(expected) {
+                    assert!((found - expected).abs() < 2e-4 * expected, "{found:e} at {end:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_oscillator_with_relaxation_has_its_published_solution() {
+        // Van der Pol's equation with mu = 1000 at 2000 s (Test Set for Initial Value Problem Solvers).
+        let right = |_, [x, v]: &[f64; 2]| [*v, 1e3 * (1.0 - x * x) * v - x];
+        let mut oscillator = system(right, [2.0, 0.0]);
+        let [x, v] = run_by::<Rodas5p, 2>(&mut oscillator, 2000.0, 2000.0, 1e-9).unwrap();
+        assert!((x - 1.706167732170469).abs() < 1e-6, "{x}");
+        assert!((v + 0.8928097010248125e-3).abs() < 1e-8, "{v}");
+    }
+
+    #[test]
+    fn stiff_equations_take_few_steps_of_the_implicit_method() {
+        // x' = -rate (x - cos t) - sin t, whose solution is cos t.
+        let right = |t, [x]: &[f64; 1]| [-1e9 * (x - libm::cos(t)) - libm::sin(t)];
+        for start in [1.0, 0.0] {
+            let mut stiff = system(right, [start]);
+            let [x] = run_by::<Rodas5p, 1>(&mut stiff, 10.0, 10.0, 1e-6).unwrap();
+            assert!((x - libm::cos(10.0)).abs() < 1e-5, "{x}");
+            assert!(stiff.evaluations < 1000, "{}", stiff.evaluations);
+        }
+    }
+
+    #[test]
+    fn a_stiff_contact_is_located_by_the_dense_output() {
+        // A mass falls from 1 m onto a spring of 1e8 N/m with the damping 1e6 N.s/m; the indicator is its height.
+        let right = |_, [x, v]: &[f64; 2]| {
+            let contact = if *x < 0.0 { -1e8 * x - 1e6 * v } else { 0.0 };
+            [*v, contact - 9.81]
+        };
+        let mut mass = Equations { indicators: |[x, _]| vec![*x], ..system(right, [1.0, 0.0]) };
+        let [x, _] = run_by::<Rodas5p, 2>(&mut mass, 2.0, 2.0, 1e-8).unwrap();
+        let contact = libm::sqrt(2.0 / 9.81);
+        assert!((mass.events[0] - contact).abs() < 1e-9, "{:?}", mass.events);
+        assert!((x + 9.81e-8).abs() < 1e-9, "{x:e}");
+    }
+
+    #[test]
+    fn events_with_time_between_them_have_no_limit() {
+        // The state goes up and down by 1e-6 in 1e-6 s until there were 3000 events, in a step of 1000 s.
+        let mut saw = Equations {
+            indicators: |[x, _, _]| vec![*x, 1e-6 - x],
+            jump: |[x, side, count]| {
+                *side = if *x > 0.5e-6 { -1.0 } else { 1.0 };
+                *count += 1.0;
+                if *count >= 3000.0 {
+                    (*x, *side) = (0.5e-6, 0.0);
+                }
+            },
+            ..system(|_, [_, side, _]| [*side, 0.0, 0.0], [0.5e-6, 1.0, 0.0])
+        };
+        run(&mut saw, 1e3, 1e3, 1e-6).unwrap();
+        assert_eq!(saw.events.len(), 3000);
+        assert!(saw.events[2999] < 2e-3);
     }
 }

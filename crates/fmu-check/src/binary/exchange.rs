@@ -6,7 +6,7 @@ use std::fmt::Arguments;
 use anyhow::{Error, Result};
 use fmu_description::{Causality, Value, XmlVariable};
 use fmu_host::{Cause, Failure, Instance, Status};
-use ode_methods::solver::{self, Advanced, Events, OdeSystem, Step, Workspace};
+use ode_methods::solver::{self, Advanced, DormandPrince, Events, OdeSystem, Step, Workspace};
 
 use crate::binary::run::{EVENT_EVERY, Position, Run};
 use crate::rules::is_continuous;
@@ -100,7 +100,8 @@ impl Run<'_> {
         let Position { handled, restarts, .. } = self.position;
         let (longest, event, events) = (size, None, Events::Here);
         let step = Step { time, size, tolerance, longest, events, handled, event, restarts };
-        let advanced = solver::advance(&mut Equations(self), &mut workspace, &step);
+        let advanced =
+            solver::advance::<DormandPrince, _>(&mut Equations(self), &mut workspace, &step);
         self.solver.workspace = Some(workspace);
         match advanced {
             Ok(Advanced { handled, restarts, .. }) => {

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use fmu_description::Type;
 use fmu_export::testing::{Driver, Value};
-use ode_methods::solver::{self, Events as Handled, OdeSystem, Workspace};
+use ode_methods::solver::{self, DormandPrince, Events as Handled, OdeSystem, Workspace};
 
 use crate::driver::*;
 use crate::models::*;
@@ -106,7 +106,8 @@ impl Host {
                     event: None,
                     restarts: self.restarts,
                 };
-                let advanced = solver::advance(self, &mut workspace, &step).unwrap();
+                let advanced =
+                    solver::advance::<DormandPrince, _>(self, &mut workspace, &step).unwrap();
                 (self.handled, self.restarts) = (advanced.handled, advanced.restarts);
                 self.workspace = workspace;
             }
