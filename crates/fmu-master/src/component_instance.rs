@@ -12,10 +12,11 @@ use fmu_worker::Function;
 use crate::access_list::{AccessList, accessor};
 use crate::components::LoadedComponent;
 use crate::integrator::Integrator;
-use crate::recorded_instance::{IntegrationError, RecordedInstance, functions};
+use crate::recorded_instance::{IntegrationError, IntegrationResult, RecordedInstance, functions};
 use crate::start::ComponentStarts;
 use crate::store::{Store, Transfer, number};
 use crate::table_inputs::TableInputs;
+use crate::table_parameters::TableParameters;
 use crate::wiring::{FeedingOutputs, VariableGroup};
 use crate::{FailedCall, Fmu, Messages, RunError};
 
@@ -42,6 +43,8 @@ pub(crate) struct ComponentInstance<'a> {
     /// their start values.
     reals: Vec<f64>,
     others: Vec<Vec<Value>>,
+    /// Its tunable parameters that have values from a table.
+    pub(crate) parameters: Option<TableParameters<'a>>,
 }
 
 impl<'a> ComponentInstance<'a> {
@@ -84,6 +87,7 @@ impl<'a> ComponentInstance<'a> {
             do_step: Function::performing(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
+            parameters: None,
             fmu: fmu.clone(),
             groups,
         })
@@ -490,6 +494,38 @@ impl<'a> ComponentInstance<'a> {
         });
         let what = Vec::from_iter(texts).join(", ");
         self.check(outcome, || what)
+    }
+
+    /// Sets the tunable parameters whose values from a table change at a communication point (s): in event mode, if it is a
+    /// component of model exchange.
+    pub(crate) fn set_parameters(&mut self, time: f64) -> CallResult {
+        let Some(mut parameters) = self.parameters.take() else { return Ok(()) };
+        let changed = parameters.change(time);
+        if !changed.is_empty() {
+            let is_event = self.in_event(Integrator::enter_event_mode)?.unwrap_or(false);
+            for (parameter, values) in &changed {
+                let set = accessor("set", self.fmu.version, parameter.access_type);
+                self.set(parameter.access_type, set, &parameter.scalars, values)?;
+            }
+            // Else the next step begins with the event.
+            if is_event {
+                self.in_event(|integrator, recorded| integrator.leave_event_mode(recorded, time))?;
+            }
+        }
+        self.parameters = Some(parameters);
+        Ok(())
+    }
+
+    /// Calls functions for the event in which parameters change, if it is a component of model exchange.
+    fn in_event<T>(
+        &mut self,
+        call: impl FnOnce(&mut Integrator<'a>, &mut RecordedInstance) -> IntegrationResult<T>,
+    ) -> CallResult<Option<T>> {
+        let Some(integrator) = &mut self.integrator else { return Ok(None) };
+        let called = call(integrator, &mut self.recorded).map(Some);
+        called.map_err(|error| {
+            self.integration_error(error, "event of new values of parameters".to_owned())
+        })
     }
 
     /// Sets the start values of the scalars that are wanted, those of an array by one call.

@@ -10,6 +10,8 @@ use crate::integrator::Integrator;
 pub(crate) struct ComponentState<'a> {
     fmu: FmuState,
     integrator: Option<Box<Integrator<'a>>>,
+    /// The row of the table whose values its tunable parameters have.
+    table_row: Option<usize>,
 }
 
 impl Fmu {
@@ -33,8 +35,10 @@ impl<'a> ComponentInstance<'a> {
     /// Saves its state, in the memory of one that was saved before, if there is one.
     pub(crate) fn save(&mut self, state: &mut Option<ComponentState<'a>>) -> CallResult {
         let what = "saving the state";
+        let table_row = self.parameters.as_ref().map(|parameters| parameters.row);
         match state {
             Some(state) => {
+                state.table_row = table_row;
                 self.call("get_fmu_state", what, |instance| instance.save_to(&mut state.fmu))?;
                 match (&mut state.integrator, &self.integrator) {
                     (Some(saved), Some(integrator)) => saved.copy_from(integrator),
@@ -48,7 +52,7 @@ impl<'a> ComponentInstance<'a> {
                     Ok(Success::Ok)
                 })?;
                 let integrator = self.integrator.clone();
-                *state = fmu.map(|fmu| ComponentState { fmu, integrator });
+                *state = fmu.map(|fmu| ComponentState { fmu, integrator, table_row });
             }
         }
         Ok(())
@@ -57,6 +61,9 @@ impl<'a> ComponentInstance<'a> {
     /// Returns to a state that was saved by this instance.
     pub(crate) fn restore(&mut self, state: &ComponentState<'a>) -> CallResult {
         self.call("set_fmu_state", "restoring a state", |i| i.set_fmu_state(&state.fmu))?;
+        if let (Some(parameters), Some(row)) = (&mut self.parameters, state.table_row) {
+            parameters.row = row;
+        }
         match (&mut self.integrator, &state.integrator) {
             (Some(integrator), Some(saved)) => integrator.copy_from(saved),
             (integrator, saved) => integrator.clone_from(saved),

@@ -245,12 +245,24 @@ impl Fmu {
             let dimensions = self.variable(elements.start).dimensions.clone();
             return Ok((Vec::from_iter(elements.clone()), dimensions));
         }
-        let element = |index: usize| self.get_scalar(&format!("{name}[{index}]"));
-        let elements = Vec::from_iter((1..).map_while(element));
-        match self.get_scalar(name).is_some() || elements.is_empty() {
-            true => Ok((vec![self.settable(name)?], Vec::new())),
-            false => Ok((elements.clone(), vec![elements.len()])),
+        let family = |indices: &dyn Fn(usize) -> String| {
+            let element = |index| self.get_scalar(&format!("{name}[{}]", indices(index)));
+            Vec::from_iter((1..).map_while(element))
+        };
+        if self.get_scalar(name).is_none() {
+            let vector = family(&|index| index.to_string());
+            if !vector.is_empty() {
+                return Ok((vector.clone(), vec![vector.len()]));
+            }
+            let row = |row: usize| family(&|column| format!("{row},{column}"));
+            let rows = Vec::from_iter((1..).map(row).take_while(|row| !row.is_empty()));
+            if let Some(first) = rows.first()
+                && rows.iter().all(|row| row.len() == first.len())
+            {
+                return Ok((rows.concat(), vec![rows.len(), first.len()]));
+            }
         }
+        Ok((vec![self.settable(name)?], Vec::new()))
     }
 
     /// The definition of a unit in base units, if the FMU has one: exponents, factor and offset by name,

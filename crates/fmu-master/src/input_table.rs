@@ -1,4 +1,4 @@
-//! The input table: values of inputs over time, from a file or from Python.
+//! The input table: values of inputs and tunable parameters over time, from a file or from Python.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -20,12 +20,14 @@ use crate::table::{self, Column, Series};
 pub(crate) struct InputTable {
     /// Finite and not decreasing (s).
     pub(crate) times: Vec<f64>,
-    pub(crate) columns: Vec<InputColumn>,
+    /// The columns of inputs, and of tunable parameters.
+    pub(crate) inputs: Vec<InputColumn>,
+    pub(crate) parameters: Vec<InputColumn>,
 }
 
-/// An input and its values.
+/// An input or a tunable parameter, and its values.
 pub(crate) struct InputColumn {
-    pub(crate) input: ScalarId,
+    pub(crate) to: ScalarId,
     /// The type of its values if they are interpolated.
     pub(crate) interpolated: Option<Type>,
     pub(crate) values: Vec<Value>,
@@ -41,10 +43,11 @@ pub(crate) struct RowsAtTime {
 }
 
 impl InputTable {
-    /// Reads a table: a column `time` in s, and a column for each input, with or without a unit in brackets.
+    /// Reads a table: a column `time` in s, and a column for each input or tunable parameter, with or without a unit in
+    /// brackets.
     ///
     /// # Errors
-    /// The file cannot be read, a column is not an input that is free, or a row is invalid.
+    /// The file cannot be read, a column is neither an input that is free nor a tunable parameter, or a row is invalid.
     pub(crate) fn read(
         file: &Path,
         components: &Components,
@@ -99,7 +102,7 @@ impl InputTable {
         Self::new(times, columns, components, connections).context("input")
     }
 
-    /// Checks the values of inputs, which have a row for each time (s).
+    /// Checks the values of inputs and tunable parameters, which have a row for each time (s).
     fn new<'a>(
         times: Vec<f64>,
         columns: impl Iterator<Item = Result<(ScalarId, &'a Series)>>,
@@ -109,38 +112,52 @@ impl InputTable {
         let mut taken: HashSet<ScalarId> =
             connections.iter().map(|connection| connection.to).collect();
         let columns = columns.map(|column| {
-            let (input, series) = column?;
+            let (to, series) = column?;
             let name = &series.name;
-            let variable = input.variable(components);
-            if let Some(reason) = input.fmu(components).unrecordable(input.scalar) {
+            let variable = to.variable(components);
+            if let Some(reason) = to.fmu(components).unrecordable(to.scalar) {
                 bail!("{name} cannot be set: {reason}");
             }
-            let is_input = variable.causality == Causality::Input;
-            ensure!(is_input, "{name} is {}, expected an input", with_article(variable.causality));
-            ensure!(taken.insert(input), "{name} is connected, or has two columns");
+            check_changes(name, variable)?;
+            ensure!(taken.insert(to), "{name} is connected, or has two columns");
             let (found, unit) = (&series.unit, variable.unit.as_deref().unwrap_or_default());
             let is_same = found == unit || found.is_empty() || unit.is_empty();
             ensure!(is_same, "{name} is in {found}, expected {unit}");
             let is_continuous = variable.variability == Variability::Continuous;
             let kind = variable.of_type;
             Ok(InputColumn {
-                input,
+                to,
                 interpolated: (is_continuous && kind.is_float()).then_some(kind),
                 values: values(series, variable)?,
             })
         });
-        Ok(Self { columns: columns.collect::<Result<_>>()?, times })
+        let columns = columns.collect::<Result<Vec<_>>>()?;
+        let is_parameter =
+            |column: &InputColumn| column.to.variable(components).causality != Causality::Input;
+        let (parameters, inputs) = columns.into_iter().partition(is_parameter);
+        Ok(Self { times, inputs, parameters })
     }
 
-    /// The inputs, in the order of the columns.
+    /// The inputs and parameters.
     pub(crate) fn scalars(&self) -> impl Iterator<Item = ScalarId> {
-        self.columns.iter().map(|column| column.input)
+        self.inputs.iter().chain(&self.parameters).map(|column| column.to)
+    }
+
+    /// The tunable parameters of a component, by its index, with their values at a time (s).
+    pub(crate) fn parameters_at(
+        &self,
+        component: usize,
+        time: f64,
+    ) -> impl Iterator<Item = (usize, &Value)> {
+        let row = self.rows(time).held;
+        let own = self.parameters.iter().filter(move |column| column.to.component == component);
+        own.map(move |column| (column.to.scalar, &column.values[row]))
     }
 
     /// Writes the values of a time (s) to the places of the inputs.
     pub(crate) fn apply(&self, time: f64, places: &[Place], to: &mut Store) {
         let rows = self.rows(time);
-        for (column, place) in self.columns.iter().zip(places) {
+        for (column, place) in self.inputs.iter().zip(places) {
             to.set(*place, self.value(column, time, rows));
         }
     }
@@ -171,6 +188,22 @@ impl InputTable {
         }
         let is_between = next > 0 && next < times.len() && times[next - 1] < times[next];
         RowsAtTime { held: after.saturating_sub(1), next: is_between.then_some(next) }
+    }
+}
+
+/// Checks that a variable may change during a run: that it is an input or a tunable parameter.
+fn check_changes(name: &str, variable: &Variable) -> Result<()> {
+    let is_tunable = variable.variability == Variability::Tunable;
+    match variable.causality {
+        Causality::Input => Ok(()),
+        Causality::Parameter if is_tunable => Ok(()),
+        Causality::Parameter => {
+            bail!("{name} is a fixed parameter, expected an input or a tunable parameter")
+        }
+        causality => {
+            let found = with_article(causality);
+            bail!("{name} is {found}, expected an input or a tunable parameter")
+        }
     }
 }
 
@@ -247,7 +280,11 @@ mod tests {
 
     #[test]
     fn rows_hold_jump_and_end() {
-        let input = |times: &[f64]| InputTable { times: times.to_vec(), columns: Vec::new() };
+        let input = |times: &[f64]| InputTable {
+            times: times.to_vec(),
+            inputs: Vec::new(),
+            parameters: Vec::new(),
+        };
         let jump = input(&[0.0, 0.1 + 0.2, 0.1 + 0.2, 0.5]);
         assert_eq!(rows(&jump, -1.0), (0, None));
         assert_eq!(rows(&jump, 0.1), (0, Some(1)));

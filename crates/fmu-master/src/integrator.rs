@@ -95,15 +95,20 @@ impl<'a> Integrator<'a> {
         Ok(integrator)
     }
 
-    fn enter_event_mode(&mut self, recorded: &mut RecordedInstance) -> IntegrationResult {
-        if !self.is_in_event_mode {
+    /// Returns whether it was not in event mode before.
+    pub(crate) fn enter_event_mode(
+        &mut self,
+        recorded: &mut RecordedInstance,
+    ) -> IntegrationResult<bool> {
+        let enters = !self.is_in_event_mode;
+        if enters {
             recorded.call_with_warning(Operation::EventMode, Instance::enter_event_mode)?;
             self.is_in_event_mode = true;
         }
-        Ok(())
+        Ok(enters)
     }
 
-    /// Sets something in event mode, which may change discrete states.
+    /// Sets something in event mode, and handles the event.
     pub(crate) fn at_event(
         &mut self,
         recorded: &mut RecordedInstance,
@@ -112,6 +117,15 @@ impl<'a> Integrator<'a> {
     ) -> IntegrationResult {
         self.enter_event_mode(recorded)?;
         recorded.call_with_warning(Operation::Update, set)?;
+        self.leave_event_mode(recorded, time)
+    }
+
+    /// Handles the event of what was set in event mode, which may change discrete states.
+    pub(crate) fn leave_event_mode(
+        &mut self,
+        recorded: &mut RecordedInstance,
+        time: f64,
+    ) -> IntegrationResult {
         self.update(recorded, time)?;
         ComponentEquations { recorded, integrator: self }.evaluate_here(time)
     }

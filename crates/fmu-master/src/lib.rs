@@ -77,6 +77,7 @@ pub mod sweep;
 mod system_file;
 pub mod table;
 mod table_inputs;
+mod table_parameters;
 pub mod vector;
 mod wiring;
 

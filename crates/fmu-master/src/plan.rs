@@ -188,7 +188,10 @@ impl Plan {
         let loaded = &self.components[component];
         let replaced = replaced.iter().filter(|start| start.component == component);
         let values = loaded.starts.iter().chain(replaced.flat_map(|start| &start.values));
-        let starts = ComponentStarts::new(values);
+        let mut starts = ComponentStarts::new(values);
+        if let Some(table) = &self.input {
+            starts.replace(table.parameters_at(component, self.experiment.start));
+        }
         starts.check_arrays(&loaded.fmu, |scalar| loaded.name_of(scalar))?;
         Ok(starts)
     }

@@ -16,6 +16,7 @@ use crate::fault::FaultyConnection;
 use crate::start::ComponentStarts;
 use crate::store::Store;
 use crate::table_inputs::TableInputs;
+use crate::table_parameters::TableParameters;
 use crate::{Message, Messages, Order, Plan, RunError, StartValue};
 
 /// An initialized run of a system.
@@ -99,10 +100,12 @@ impl Simulation<'_> {
         let begun = exited.and_then(|()| {
             let components = self.components.iter_mut().zip(&*plan.components);
             components.enumerate().try_for_each(|(index, (component, loaded))| {
-                let (fmu, groups) = (&loaded.fmu, &plan.wiring.groups[index]);
-                let inputs = plan.input.as_ref();
-                let inputs =
-                    inputs.and_then(|i| TableInputs::new(i, index, fmu, groups, &starts[index]));
+                let (fmu, groups, starts) =
+                    (&loaded.fmu, &plan.wiring.groups[index], &starts[index]);
+                let table = plan.input.as_ref();
+                component.parameters =
+                    table.and_then(|t| TableParameters::new(t, index, fmu, starts, start));
+                let inputs = table.and_then(|t| TableInputs::new(t, index, fmu, groups, starts));
                 component.begin(inputs, loaded.tolerance, (start, plan.experiment.step))
             })
         });

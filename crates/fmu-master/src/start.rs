@@ -8,7 +8,8 @@
 //! 3. [`ScalarLiteral::start_value`] checks that the scalar has a start value, and makes the literal a [`Value`] of its
 //!    type. A start value of the description stays in its [`LoadedComponent`](crate::LoadedComponent); one of a run is a
 //!    [`StartValue`], which [`Plan::start`](crate::Plan::start) makes.
-//! 4. [`ComponentStarts`] joins both for one component in one run, and
+//! 4. [`ComponentStarts`] joins both, and the first values of tunable parameters from a table, for one component in one
+//!    run, and
 //!    [`ComponentInstance::set_up`](crate::component_instance::ComponentInstance::set_up) sets them on the FMU.
 //!
 //! Structural parameters come first, as they change the variables that there are: [`sizes`] resolves them when the FMU is
@@ -60,13 +61,13 @@ pub(crate) fn scalar_literals<'a>(
         let literal = Cow::Borrowed(literal);
         return Ok(vec![ScalarLiteral { scalar, name: full_name.into(), literal }]);
     }
-    let scalars = fmu.scalars_of(variable).map_err(named)?;
-    let literals = literal.elements(&fmu.variable(scalars.start).dimensions, full_name)?;
+    let (scalars, dimensions) = fmu.elements(variable).map_err(named)?;
+    let literals = literal.elements(&dimensions, full_name)?;
     let element = |(scalar, literal)| {
         let name = format!("{full_name}{}", &fmu.name(scalar)[variable.len()..]);
         ScalarLiteral { scalar, name: name.into(), literal: Cow::Owned(literal) }
     };
-    Ok(scalars.zip(literals).map(element).collect())
+    Ok(scalars.into_iter().zip(literals).map(element).collect())
 }
 
 impl ScalarLiteral<'_> {
@@ -158,6 +159,11 @@ impl<'a> ComponentStarts<'a> {
     /// Start values in their order; a later one replaces an earlier one.
     pub(crate) fn new(values: impl Iterator<Item = &'a (usize, Value)>) -> Self {
         Self(values.map(|(scalar, value)| (*scalar, value)).collect())
+    }
+
+    /// Replaces the values of some scalars.
+    pub(crate) fn replace(&mut self, values: impl Iterator<Item = (usize, &'a Value)>) {
+        self.0.extend(values);
     }
 
     /// The scalars that have a start value, in the order of the FMU.

@@ -46,10 +46,10 @@ impl<'a> TableInputs<'a> {
         let fed = fed.filter(|(_, source)| source.component.is_some());
         let fed: HashSet<_> = fed.map(|(scalar, _)| fmu.array(*scalar)).collect();
         let mut columns: BTreeMap<usize, Vec<_>> = BTreeMap::new();
-        for column in table.columns.iter().filter(|column| column.input.component == component) {
-            let array = fmu.array(column.input.scalar);
+        for column in table.inputs.iter().filter(|column| column.to.component == component) {
+            let array = fmu.array(column.to.scalar);
             if !fed.contains(&array) {
-                let element = fmu.scalars[column.input.scalar].element;
+                let element = fmu.scalars[column.to.scalar].element;
                 columns.entry(array.start).or_default().push((column, element));
             }
         }

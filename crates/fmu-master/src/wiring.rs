@@ -237,7 +237,7 @@ impl Wiring {
             feeding.places.push(place);
         }
         let mut table_places = Vec::new();
-        for id in input.iter().flat_map(|input| input.scalars()) {
+        for id in input.iter().flat_map(|input| &input.inputs).map(|column| column.to) {
             let group = VariableGroup::entry(&mut groups, components, id);
             let place = Place::next(group.access_type, &mut counts);
             table_places.push(place);

@@ -24,8 +24,10 @@ impl Simulation<'_> {
         Ok(())
     }
 
-    /// Passes the newest outputs to the inputs of a component, by connections that may have faults.
+    /// Sets the tunable parameters of a component that change, and passes the newest outputs to its inputs, by connections
+    /// that may have faults.
     fn feed_component(&mut self, index: usize, k: u64, time: f64, step: f64) -> CallResult {
+        self.components[index].set_parameters(time)?;
         let connections = self.faulty_connections[index].iter_mut();
         connections.for_each(|connection| connection.carry(k, time, step, &mut self.outputs));
         self.components[index].write::<false>(&self.outputs)
