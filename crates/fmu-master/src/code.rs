@@ -7,11 +7,10 @@ use std::sync::{Arc, OnceLock};
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::Element;
 use fmu_description::{FmiVersion, LogCategory};
-use fmu_file::archive::Archive;
 use fmu_file::platform::Platform;
-use fmu_host::{Instance, Instantiation, InterfaceType, Library, Limits, LoadError, ProcessOwned};
-use tempfile::TempDir;
+use fmu_host::{Instance, Instantiation, InterfaceType, Library, Limits, LoadError};
 
+use crate::fmu::files::FmuFolder;
 use crate::{Function, Messages};
 
 /// The code that the instances of an FMU run.
@@ -29,7 +28,7 @@ pub(crate) struct UnpackedBinary {
     /// Loaded by the first instance, and the location of its resources. Must be dropped before the folder, which
     /// removes the file.
     pub(crate) library: OnceLock<Result<(Arc<Library>, String), LoadError>>,
-    pub(crate) folder: ProcessOwned<TempDir>,
+    pub(crate) folder: FmuFolder,
     pub(crate) token: String,
     pub(crate) limits: Limits,
     /// The log categories of warnings and errors, if it declares the categories of the standard.
@@ -103,7 +102,7 @@ impl UnpackedBinary {
 /// Finds the binary for this machine, or the WebAssembly component if there is none, or if it is `required`. `None` if
 /// there is neither, but sources of which the binary that it would find can be compiled.
 pub(crate) fn find_binary(
-    archive: &Archive,
+    names: &[String],
     identifier: &str,
     version: FmiVersion,
     required: bool,
@@ -113,17 +112,17 @@ pub(crate) fn find_binary(
     for platform in [native.filter(|_| !required), component].into_iter().flatten() {
         let binary = platform.binary(identifier);
         // The names in an archive are safe, but the binary must also be in the folder of the platform.
-        if archive.names.contains(&binary) && !identifier.contains(['/', '\\']) {
+        if names.contains(&binary) && !identifier.contains(['/', '\\']) {
             return Ok(Some(binary));
         }
     }
     ensure!(!required, "it has no WebAssembly component, and native binaries were refused");
     let platform = native
         .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
-    if has_sources(archive) {
+    if has_sources(names) {
         return Ok(None);
     }
-    let other = archive.names.iter().find(|name| {
+    let other = names.iter().find(|name| {
         let file = Path::new(name).file_stem().unwrap_or_default();
         file.to_str().is_some_and(|file| **name == platform.binary(file))
     });
@@ -136,9 +135,8 @@ pub(crate) fn find_binary(
     }
 }
 
-fn has_sources(archive: &Archive) -> bool {
-    let mut names = archive.names.iter();
-    names.any(|name| name.starts_with("sources/") && !name.ends_with('/'))
+fn has_sources(names: &[String]) -> bool {
+    names.iter().any(|name| name.starts_with("sources/") && !name.ends_with('/'))
 }
 
 /// The log categories of warnings and errors that an FMU declares (FMI 2.0.5, section 2.2.4). None if it has no category

@@ -1,5 +1,6 @@
 //! An unpacked FMU: its variables and units, which are found by their names, and its instances.
 
+pub(crate) mod files;
 mod open;
 
 use std::collections::{BTreeMap, HashMap, HashSet};

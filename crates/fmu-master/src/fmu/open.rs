@@ -9,9 +9,10 @@ use fmu_description::xml::{self, Element};
 use fmu_description::{
     Causality, FmiVersion, ModelDescription, Type, Variability, Variable, XmlVariable,
 };
-use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
-use fmu_host::{InterfaceType, Limits, ProcessOwned};
+use fmu_file::archive::MODEL_DESCRIPTION;
+use fmu_host::{InterfaceType, Limits};
 
+use super::files::FmuFiles;
 use super::{Fmu, Scalar, Sizes};
 use crate::code::{Code, UnpackedBinary, find_binary, problem_categories};
 use crate::declarations::units;
@@ -42,14 +43,14 @@ impl Fmu {
         sandbox: Sandbox,
         compilation: &Compilation,
     ) -> Result<Self> {
-        let mut archive = Archive::open_sound(path)?;
-        let text = archive.model_description()?;
+        let mut files = FmuFiles::open(path)?;
+        let text = files.model_description()?;
         let mut root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
         resize(&mut root, sizes);
         let model = ModelDescription::read(&root)?;
         let (interface_type, interface) = interface(&model, wanted)?;
         let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
-        let found = find_binary(&archive, identifier, model.version, sandbox.is_required)?;
+        let found = find_binary(&files.names(), identifier, model.version, sandbox.is_required)?;
         let binary = match (&found, compilation.is_wanted) {
             (Some(binary), _) => binary.clone(),
             (None, is_wanted) => {
@@ -65,10 +66,7 @@ impl Fmu {
         };
         let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
 
-        let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
-        archive.unpack("", folder.path()).with_context(|| {
-            format!("it cannot be unpacked to the folder {}", folder.path().display())
-        })?;
+        let folder = files.unpack()?;
         let compiled = match found {
             Some(_) => None,
             None => Some(compilation.add(path, &binary, folder.path())?),
@@ -125,7 +123,7 @@ impl Fmu {
                 interface_type,
                 file: binary,
                 library: OnceLock::new(),
-                folder: ProcessOwned::new(folder),
+                folder,
                 token: model.token().to_owned(),
                 limits: Limits {
                     call: sandbox.call,
