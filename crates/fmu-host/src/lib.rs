@@ -21,6 +21,7 @@ mod logger;
 mod observed;
 mod outcome;
 mod quick;
+pub mod real_time;
 mod resources;
 #[cfg(feature = "sandbox")]
 mod sandbox;

@@ -3,6 +3,7 @@
 
 use std::fmt::Display;
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Result;
 use fmu_description::{Causality, Type, Value};
@@ -45,6 +46,8 @@ pub(crate) struct ComponentInstance<'a> {
     others: Vec<Vec<Value>>,
     /// Its tunable parameters that have values from a table.
     pub(crate) parameters: Option<TableParameters<'a>>,
+    /// How long it has taken in this step, if that is measured.
+    pub(crate) duration: Option<Duration>,
 }
 
 impl<'a> ComponentInstance<'a> {
@@ -88,6 +91,7 @@ impl<'a> ComponentInstance<'a> {
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
             parameters: None,
+            duration: None,
             fmu: fmu.clone(),
             groups,
         })

@@ -15,7 +15,7 @@ use crate::fault::{Amount, Fault};
 use crate::function::Computed;
 use crate::given_inputs::GivenInputs;
 use crate::package::SystemOrigin;
-use crate::{Compilation, Experiment, Function, Literal, Signature};
+use crate::{Compilation, Execution, Experiment, Function, Literal, Signature};
 
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -52,6 +52,9 @@ pub struct Description {
     pub outputs: Vec<String>,
     /// A CSV or Parquet file with values of inputs over time, relative to the folder of the system file.
     pub input: Option<PathBuf>,
+    /// How a run is executed.
+    #[serde(skip)]
+    pub execution: Execution,
     /// Values of inputs over time, if there is no file.
     #[serde(skip)]
     pub given_inputs: Option<GivenInputs>,

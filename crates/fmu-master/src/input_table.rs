@@ -63,6 +63,19 @@ impl InputTable {
         table.with_context(|| file.display().to_string())
     }
 
+    /// The inputs of columns whose rows come later.
+    ///
+    /// # Errors
+    /// A column is not an input that is free.
+    pub(crate) fn without_rows(
+        columns: &[Series],
+        components: &Components,
+        connections: &[ResolvedConnection],
+    ) -> Result<Self> {
+        let columns = columns.iter().map(|series| Ok((components.settable(&series.name)?, series)));
+        Self::new(Vec::new(), columns, components, connections)
+    }
+
     /// Checks inputs that a program gives.
     ///
     /// # Errors
@@ -128,7 +141,7 @@ impl InputTable {
             Ok(InputColumn {
                 to,
                 interpolated: (is_continuous && kind.is_float()).then_some(kind),
-                values: values(series, variable)?,
+                values: values(series, variable, 1)?,
             })
         });
         let columns = columns.collect::<Result<Vec<_>>>()?;
@@ -229,11 +242,11 @@ fn without_fraction(text: String) -> String {
     }
 }
 
-/// The values of a column in the type of an input.
-fn values(series: &Series, input: &Variable) -> Result<Vec<Value>> {
+/// The values of a column in the type of an input; the first is in this row.
+pub(crate) fn values(series: &Series, input: &Variable, first: usize) -> Result<Vec<Value>> {
     let (name, kind) = (&series.name, input.of_type);
     let column = Column::new(name, "", kind);
-    let cells = series.cells.iter().zip(1..).map(|(cell, row)| {
+    let cells = series.cells.iter().zip(first..).map(|(cell, row)| {
         match cell {
             // Most programs write an empty string as an empty field.
             None if kind == Type::String => return Ok(Value::String(String::new())),
@@ -309,7 +322,7 @@ mod tests {
         let input =
             Variable { of_type, declared_type: Some(declared.into()), ..Variable::default() };
         let series = Series::new("a", "", cells.to_vec());
-        values(&series, &input).map_err(|error| format!("{error:#}"))
+        values(&series, &input, 1).map_err(|error| format!("{error:#}"))
     }
 
     #[test]

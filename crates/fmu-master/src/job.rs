@@ -3,7 +3,7 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use anyhow::Result;
 use fmu_description::Value;
@@ -15,7 +15,7 @@ use crate::run::{self, Report};
 use crate::stepped_fmu::{self, Setup};
 use crate::sweep::{self, SweepSource};
 use crate::vector::{self, ShareSource};
-use crate::{Description, Overrides, Plan, Signature, StartValue, is_fmu, locate};
+use crate::{Description, Overrides, Plan, Signature, StartValue, is_fmu, locate, table};
 
 /// The job of a worker process.
 #[derive(Debug, Serialize, Deserialize)]
@@ -46,7 +46,11 @@ pub fn start(
     limits: Limits,
     job: &Job,
 ) -> io::Result<Worker> {
-    let mut worker = Worker::start(command, session, limits)?;
+    let input = match job {
+        Job::Run { system, .. } if system.reads_standard_input() => Stdio::inherit(),
+        _ => Stdio::null(),
+    };
+    let mut worker = Worker::start_with_input(command, input, session, limits)?;
     worker.send(job);
     Ok(worker)
 }
@@ -85,6 +89,11 @@ pub struct SystemSource {
 }
 
 impl SystemSource {
+    /// Whether the inputs come from the standard input of the worker.
+    fn reads_standard_input(&self) -> bool {
+        self.overrides.input.as_deref().is_some_and(table::is_standard_input)
+    }
+
     /// Loads the FMUs, and resolves the start values of the run. `compute` computes the outputs of a function, by its
     /// number, at a time (s); `warn` receives warnings about an SSP package.
     ///
@@ -149,7 +158,9 @@ impl LoadedSystem {
         let starts = std::mem::take(&mut system.overrides.sets);
         let last = self.0.take().and_then(|(mut last, plan)| {
             let last_starts = std::mem::take(&mut last.overrides.sets);
-            let is_same = last == system && plan.sizes(&last_starts) == plan.sizes(&starts);
+            let is_same = last == system
+                && plan.live.is_none()
+                && plan.sizes(&last_starts) == plan.sizes(&starts);
             is_same.then_some(plan)
         });
         system.overrides.sets = starts;

@@ -9,7 +9,7 @@ use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
 use crate::given_inputs::GivenInputs;
-use crate::{Compilation, Description, Literal, Order, Sandbox};
+use crate::{Compilation, Description, Execution, Literal, Order, Sandbox};
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
@@ -52,6 +52,9 @@ pub struct Overrides {
     /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]
     pub fmus: Option<PathBuf>,
+    /// How the run is executed.
+    #[command(flatten)]
+    pub execution: Execution,
     /// How WebAssembly components run.
     #[arg(skip)]
     pub sandbox: Sandbox,
@@ -65,6 +68,7 @@ impl Overrides {
     pub fn apply(&self, description: &mut Description) {
         description.sandbox = self.sandbox;
         description.compilation = self.compilation.clone();
+        description.execution = self.execution.clone();
         description.start = self.start.unwrap_or(description.start);
         description.stop = self.stop.unwrap_or(description.stop);
         description.step = self.step.unwrap_or(description.step);

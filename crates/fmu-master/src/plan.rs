@@ -1,6 +1,7 @@
 //! The plan of a run: a loaded and checked system, ready to simulate.
 
 use std::collections::HashSet;
+use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Variable};
@@ -8,12 +9,13 @@ use fmu_description::{Causality, Type, Variable};
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
 use crate::input_table::InputTable;
+use crate::live_input::{self, LiveInput};
 use crate::note::Note;
 use crate::start::{ComponentStarts, StartValue, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
 use crate::wiring::Wiring;
-use crate::{Description, Experiment, Fmu, Literal, Order, Place, algebraic_loop};
+use crate::{Description, Execution, Experiment, Fmu, Literal, Order, Place, algebraic_loop};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
@@ -23,9 +25,13 @@ pub struct Plan {
     pub columns: Vec<Column>,
     /// The times of a run.
     pub experiment: Experiment,
+    /// How a run is executed.
+    pub execution: Execution,
     pub(crate) order: Order,
     pub(crate) connections: Vec<ResolvedConnection>,
     pub(crate) input: Option<InputTable>,
+    /// The rows of the input table, if they arrive while the run goes.
+    pub(crate) live: Option<LiveInput>,
     pub(crate) wiring: Wiring,
     /// The variables of the columns.
     pub(crate) recorded: Vec<ScalarId>,
@@ -63,8 +69,16 @@ impl Plan {
         if description.order == Order::Sequential && !description.allow_algebraic_loops {
             algebraic_loop::check(&components, &connections)?;
         }
+        let is_paced = description.execution.real_time.is_some();
+        let is_live = |file: &Path| is_paced && live_input::is_stream(file);
+        let mut live = None;
         let input = match (&description.given_inputs, &description.input) {
             (Some(given), _) => Some(InputTable::of_values(given, &components, &connections)?),
+            (None, Some(file)) if is_live(file) => {
+                let (table, arriving) = LiveInput::open(file, &components, &connections)?;
+                live = Some(arriving);
+                Some(table)
+            }
             (None, Some(file)) => Some(InputTable::read(file, &components, &connections)?),
             (None, None) => None,
         };
@@ -81,6 +95,7 @@ impl Plan {
             Column { items, ..Column::new(name, unit, variable.of_type) }
         };
         Ok(Self {
+            execution: description.execution.clone(),
             order: description.order,
             wiring: Wiring::new(description, &components, &connections, input.as_ref(), &recorded),
             columns: recorded.iter().zip(names).map(column).collect(),
@@ -89,6 +104,7 @@ impl Plan {
             recorded,
             experiment,
             input,
+            live,
             components,
             connections,
         })
@@ -167,7 +183,8 @@ impl Plan {
             let from = connection.from.name(&self.components);
             bail!("{name} = {literal} has no effect, as {from} is connected to it");
         }
-        let has_column = self.input.iter().flat_map(InputTable::scalars).any(|fed| fed == id);
+        let table = self.input.iter().filter(|_| self.live.is_none());
+        let has_column = table.flat_map(InputTable::scalars).any(|fed| fed == id);
         ensure!(
             !has_column,
             "{name} = {literal} has no effect, as the table of inputs has a column for it"
@@ -189,7 +206,7 @@ impl Plan {
         let replaced = replaced.iter().filter(|start| start.component == component);
         let values = loaded.starts.iter().chain(replaced.flat_map(|start| &start.values));
         let mut starts = ComponentStarts::new(values);
-        if let Some(table) = &self.input {
+        if let (Some(table), None) = (&self.input, &self.live) {
             starts.replace(table.parameters_at(component, self.experiment.start));
         }
         starts.check_arrays(&loaded.fmu, |scalar| loaded.name_of(scalar))?;

@@ -1,6 +1,7 @@
 //! One run of a system.
 
 mod advance;
+mod paced;
 mod row;
 mod saved;
 
@@ -11,8 +12,9 @@ pub use row::Row;
 pub use saved::Snapshot;
 
 use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outputs};
-use crate::components::LoadedComponent;
+use crate::components::{LoadedComponent, ScalarId};
 use crate::fault::FaultyConnection;
+use crate::pace::{Pace, Punctuality};
 use crate::start::ComponentStarts;
 use crate::store::Store;
 use crate::table_inputs::TableInputs;
@@ -31,6 +33,8 @@ pub struct Simulation<'a> {
     /// The snapshots that were made, by their numbers.
     saved: Vec<saved::Saved<'a>>,
     messages: Messages,
+    /// Its pace, if it is paced by the clock.
+    pace: Option<Box<Pace>>,
     /// Why it has ended in the first event, if an FMU has ended it there.
     ended: Option<Box<RunError>>,
 }
@@ -44,6 +48,8 @@ pub struct Finished {
     pub last: Row,
     /// Who has ended the simulation before the stop time, if an FMU has.
     pub ended: Option<RunError>,
+    /// How well it has kept the time, if it was paced by the clock.
+    pub punctuality: Option<Punctuality>,
 }
 
 impl Plan {
@@ -70,6 +76,7 @@ impl Plan {
             faulty_connections: self.wiring.faulty_connections.clone(),
             saved: Vec::new(),
             messages: messages.clone(),
+            pace: None,
             ended: None,
         };
         simulation.ended = match simulation.initialize(&starts) {
@@ -86,7 +93,8 @@ impl Simulation<'_> {
         let plan = self.plan;
         let (start, end) = (plan.experiment.start, plan.end());
         self.messages.record().at(start);
-        self.feed(start);
+        self.begin_inputs(starts);
+        self.feed(start)?;
         for (index, component) in self.components.iter_mut().enumerate() {
             let tolerance = plan.components[index].tolerance;
             component.set_up((start, Some(end)), tolerance, &starts[index])?;
@@ -102,7 +110,8 @@ impl Simulation<'_> {
             components.enumerate().try_for_each(|(index, (component, loaded))| {
                 let (fmu, groups, starts) =
                     (&loaded.fmu, &plan.wiring.groups[index], &starts[index]);
-                let table = plan.input.as_ref();
+                // Values that arrive are held, as those from other components are.
+                let table = plan.input.as_ref().filter(|_| plan.live.is_none());
                 component.parameters =
                     table.and_then(|t| TableParameters::new(t, index, fmu, starts, start));
                 let inputs = table.and_then(|t| TableInputs::new(t, index, fmu, groups, starts));
@@ -151,7 +160,8 @@ impl Simulation<'_> {
     /// A [`RunError`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         let integrates = self.plan.components.iter().any(LoadedComponent::integrates);
-        let is_plain = self.plan.wiring.is_plain && !integrates;
+        self.begin_pace();
+        let is_plain = self.plan.wiring.is_plain && !integrates && self.pace.is_none();
         let steps = match (self.ended.take(), is_plain) {
             (Some(failure), _) => self.record_start(&mut observe).and(Err(failure)),
             (None, true) => self.steps::<true>(&mut observe),
@@ -166,7 +176,7 @@ impl Simulation<'_> {
             Err(failure) => return Err(anyhow::Error::new(*failure)),
         };
         let (messages, last) = (self.messages.take(), std::mem::take(&mut self.row));
-        Ok(Finished { messages, last, ended })
+        Ok(Finished { messages, last, ended, punctuality: self.punctuality() })
     }
 
     /// Reads the outputs of all components.
@@ -226,7 +236,8 @@ impl Simulation<'_> {
             let time = experiment.time(k);
             self.messages.record().at(time);
             if !PLAIN {
-                self.feed(time);
+                self.wait(time);
+                self.feed(time).map_err(failed_at(time))?;
             }
             self.row.time = time;
             self.row.store.record::<PLAIN>(&wiring.recorded_before, &self.outputs);
@@ -236,7 +247,7 @@ impl Simulation<'_> {
             if k < last {
                 let stepped = match PLAIN {
                     true => self.step_plainly(time, experiment.step),
-                    false => self.advance(k, time, experiment.step),
+                    false => self.advance_paced(k, time, experiment.step),
                 };
                 stepped.map_err(failed_at(time))?;
                 self.row.store.record::<PLAIN>(&wiring.recorded_after, &self.outputs);
@@ -248,11 +259,30 @@ impl Simulation<'_> {
         self.call_all("terminate", "end", Instance::terminate)
     }
 
-    /// Takes the values of a time from the input file.
-    fn feed(&mut self, time: f64) {
-        if let Some(input) = &self.plan.input {
-            input.apply(time, &self.plan.wiring.table_places, &mut self.outputs);
+    /// Takes the start values of inputs whose rows arrive while the run goes.
+    fn begin_inputs(&mut self, starts: &[ComponentStarts<'_>]) {
+        let Plan { components, input, wiring, live, .. } = self.plan;
+        let inputs = input.iter().filter(|_| live.is_some()).flat_map(|table| &table.inputs);
+        for (column, place) in inputs.zip(&wiring.table_places) {
+            let ScalarId { component, scalar } = column.to;
+            let start = starts[component].value(scalar, &components[component].fmu);
+            self.outputs.set(*place, start);
         }
+    }
+
+    /// Takes the values of a time from the input table, or those that have arrived.
+    fn feed(&mut self, time: f64) -> CallResult {
+        let Plan { input, wiring, live, .. } = self.plan;
+        let places = &wiring.table_places;
+        match (live, input) {
+            (Some(live), _) => {
+                let applied = live.apply(time, places, &mut self.outputs);
+                applied.map_err(|error| RunError::new(error, Vec::new()))?;
+            }
+            (None, Some(input)) => input.apply(time, places, &mut self.outputs),
+            (None, None) => {}
+        }
+        Ok(())
     }
 
     /// Steps a plain system from one communication point to the next.

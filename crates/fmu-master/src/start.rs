@@ -195,6 +195,12 @@ impl<'a> ComponentStarts<'a> {
         Ok(())
     }
 
+    /// The value of a scalar before it is connected.
+    pub(crate) fn value(&self, scalar: usize, fmu: &Fmu) -> Value {
+        let start = self.0.get(&scalar).copied().or(fmu.start(scalar));
+        start.cloned().unwrap_or(Value::Boolean(false))
+    }
+
     /// The values of a list before any scalar is connected. An array is set as a whole, so that elements without a start
     /// value of the user have the one of the model description.
     pub(crate) fn initial(&self, list: &AccessList, fmu: &Fmu) -> Vec<Value> {
@@ -206,8 +212,7 @@ impl<'a> ComponentStarts<'a> {
                 continue;
             }
             for (value, scalar) in values[first..].iter_mut().zip(fmu.array(*scalar)) {
-                let start = self.0.get(&scalar).copied().or(fmu.start(scalar));
-                *value = start.cloned().unwrap_or(Value::Boolean(false));
+                *value = self.value(scalar, fmu);
             }
         }
         values

@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use fmu_master::job::SystemSource;
 use fmu_master::stepped_fmu::Setup;
 use fmu_master::table::Series;
-use fmu_master::{Argument, Compilation, GivenInput, GivenInputs, Literal, Overrides, Signature};
+use fmu_master::{
+    Argument, Compilation, Execution, GivenInput, GivenInputs, Literal, Overrides, Signature,
+    check_factor,
+};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
@@ -83,6 +86,11 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         Some(file) if is_file => (Some(file.extract::<PathBuf>()?), None),
         Some(given) => (None, Some(inputs(&given.extract()?)?)),
     };
+    let real_time = arguments.number("real_time")?;
+    if let Some(Err(expected)) = real_time.map(check_factor) {
+        let shown = real_time.unwrap_or_default();
+        return Err(FmuError::new_err(format!("real_time = {shown}, {expected}")));
+    }
     let overrides = Overrides {
         sets: literals(starts.unwrap_or_default())?,
         start: arguments.number("start")?,
@@ -94,6 +102,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         outputs: arguments.get("outputs")?.unwrap_or_default(),
         input,
         given_inputs,
+        execution: Execution { real_time },
         compilation: Compilation {
             is_wanted: arguments.get("compile")?.unwrap_or_default(),
             cache: None,

@@ -144,10 +144,12 @@ fn into_python(
     let messages = match outcome.end {
         None => Vec::new(),
         Some(Ok(completed)) => {
-            let Completed { messages, last, summary, duration, ended } = completed;
+            let Completed { messages, last, summary, duration, ended, punctuality } = completed;
             dict.set_item("alarms", Vec::from_iter(summary.sentences()))?;
             dict.set_item("summary", statistics(py, &outcome.columns, &last, &summary)?)?;
             dict.set_item("ended", ended)?;
+            let kept = punctuality.map(|punctuality| words::punctuality(py, &punctuality));
+            dict.set_item("real_time", kept.transpose()?)?;
             dict.set_item("duration", duration.as_secs_f64())?;
             messages
         }

@@ -1,9 +1,11 @@
-//! The words of Python for notes and advice, and names in place of numbers.
+//! The words of Python for notes, advice and real time, and names in place of numbers.
 
 use std::collections::HashMap;
 
 use fmu_master::curve::Curve;
-use fmu_master::{Advice, Column, Note, NoteOptions};
+use fmu_master::{Advice, Column, LongestStep, Moment, Note, NoteOptions, Punctuality};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// A note of a run.
 pub fn note(note: &Note) -> String {
@@ -32,4 +34,35 @@ pub fn set_points<'a>(columns: &'a [Column], curves: &[Curve]) -> HashMap<&'a st
         .zip(curves)
         .filter_map(|(column, curve)| Some((&*column.name, &*columns.get(curve.set_point?)?.name)));
     pairs.collect()
+}
+
+/// How well a run has kept the time, as the arguments of `RealTime`; durations and times in s.
+pub fn punctuality<'py>(
+    py: Python<'py>,
+    punctuality: &Punctuality,
+) -> PyResult<Bound<'py, PyDict>> {
+    let Punctuality { factor, steps, overruns, largest_overrun, jitter, longest, refused } =
+        punctuality;
+    let moment = |moment: &Moment| (moment.duration.as_secs_f64(), moment.time);
+    let dict = PyDict::new(py);
+    dict.set_item("factor", factor)?;
+    dict.set_item("steps", steps)?;
+    dict.set_item("overruns", overruns)?;
+    dict.set_item("largest_overrun", largest_overrun.as_ref().map(moment))?;
+    let late = PyDict::new(py);
+    if let Some((percentiles, latest)) = jitter {
+        for (percentage, duration) in [50.0, 99.0, 99.9].into_iter().zip(percentiles) {
+            late.set_item(percentage, duration.as_secs_f64())?;
+        }
+        late.set_item(100.0, latest.duration.as_secs_f64())?;
+    }
+    dict.set_item("jitter", late)?;
+    dict.set_item("latest_wake_up", jitter.as_ref().map(|(_, latest)| moment(latest)))?;
+    let longest = longest.as_ref().map(|LongestStep { step, component, part }| {
+        (step.duration.as_secs_f64(), step.time, component, part.as_secs_f64())
+    });
+    dict.set_item("longest_step", longest)?;
+    let refused = refused.iter().map(|(means, reason)| format!("{means}: {reason}"));
+    dict.set_item("not_allowed", Vec::from_iter(refused))?;
+    Ok(dict)
 }

@@ -137,6 +137,19 @@ impl Worker {
     /// # Errors
     /// The session cannot be written, or the command cannot be started.
     pub fn start(command: &mut Command, session: &Path, limits: Limits) -> io::Result<Self> {
+        Self::start_with_input(command, Stdio::null(), session, limits)
+    }
+
+    /// Starts a worker that has this standard input, else as [`Worker::start`].
+    ///
+    /// # Errors
+    /// As [`Worker::start`].
+    pub fn start_with_input(
+        command: &mut Command,
+        input: Stdio,
+        session: &Path,
+        limits: Limits,
+    ) -> io::Result<Self> {
         static STARTED: AtomicUsize = AtomicUsize::new(0);
         let folder = session.join(format!("worker-{}", STARTED.fetch_add(1, Relaxed)));
         let create = || {
@@ -157,7 +170,7 @@ impl Worker {
         std::os::unix::process::CommandExt::process_group(command, 0);
         #[cfg(windows)]
         std::os::windows::process::CommandExt::creation_flags(command, 0x200);
-        let child = command.stdin(Stdio::null()).spawn()?;
+        let child = command.stdin(input).spawn()?;
         let now = Instant::now();
         Ok(Self {
             process: ProcessOwned::new(Process { child, folder }),

@@ -2,7 +2,7 @@
 //! an FMU may crash, hang or exit.
 
 use std::cell::{OnceCell, RefCell};
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -11,10 +11,11 @@ use clap::{Args, ValueEnum};
 use fmu_description::{Type, Value};
 use fmu_master::job::{self, Job, SystemSource};
 use fmu_master::run::{self, Ready, RunOutcome, SupervisedRun, Watch};
-use fmu_master::table::{Format, header, push_line};
+use fmu_master::table::{Format, header, is_standard_input, push_line};
 use fmu_master::{
     Column, Compilation, Computed, Experiment, Literal, Message, Overrides, Row, Statistics,
 };
+use fmu_worker::RealTimeThread;
 use indicatif::ProgressBar;
 
 use super::files::stem;
@@ -101,6 +102,8 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
     } else {
         out
     };
+    // On a busy machine, too, the rows go out at once.
+    let _thread = args.changes.execution.real_time.map(|_| RealTimeThread::enter());
     let printer = RefCell::new(Printer::default());
     let (name, others) = args.other_runs(session)?;
     let others = RefCell::new(others);
@@ -215,6 +218,7 @@ impl SimulateArgs {
     ) -> Result<()> {
         let progress = Progress::new()?;
         let mut overrides = self.changes.clone();
+        overrides.execution.real_time = None;
         overrides.sets.retain(|(set, _)| !changes.iter().any(|(name, _)| name == set));
         overrides.sets.extend_from_slice(changes);
         let mut command = session::worker()?;
@@ -262,7 +266,11 @@ impl SimulateArgs {
             OtherRun::Recorded(file) => Some(file),
             OtherRun::Changed(_) => None,
         });
-        for file in self.changes.input.iter().chain(over) {
+        let input = self.changes.input.iter();
+        if input.clone().any(|file| is_standard_input(file)) {
+            self.check_standard_input()?;
+        }
+        for file in input.chain(over).filter(|file| !is_standard_input(file)) {
             let read = file.canonicalize();
             let read = read.with_context(|| format!("cannot read {}", file.display()))?;
             let mut written = self.csv.iter().chain(&self.page.file);
@@ -270,6 +278,20 @@ impl SimulateArgs {
             ensure!(!is_lost, "{} is read, expected another file to write to", file.display());
         }
         self.page.check()
+    }
+
+    /// Checks that the standard input can be read, and is read once.
+    fn check_standard_input(&self) -> Result<()> {
+        ensure!(
+            !io::stdin().is_terminal(),
+            "--input - is the standard input, which is a terminal, expected a pipe or a file"
+        );
+        let again = self.over.iter().any(|run| match run {
+            OtherRun::Recorded(file) => is_standard_input(file),
+            OtherRun::Changed(_) => true,
+        });
+        ensure!(!again, "--input - is the standard input, which --over cannot read again");
+        Ok(())
     }
 
     /// Whether the rows are printed.
@@ -332,6 +354,9 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
         writeln!(out, "{}", ui::wrapped(&format!("alarm: {alarm}")))?;
     }
     for line in ready.notes.iter().map(ui::note).chain(completed.ended.clone()) {
+        writeln!(out, "{}", ui::wrapped(&line))?;
+    }
+    for line in completed.punctuality.iter().flat_map(|punctuality| punctuality.lines()) {
         writeln!(out, "{}", ui::wrapped(&line))?;
     }
     let Experiment { start, step, .. } = ready.experiment;

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::simulation::Finished;
 use crate::summary::{Summarizer, Summary};
-use crate::{Message, Messages, Plan, Row, RunError, StartValue};
+use crate::{Message, Messages, Plan, Punctuality, Row, RunError, StartValue};
 
 /// A run that has reached its end, or that an FMU has ended.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -21,6 +21,8 @@ pub struct Completed {
     pub duration: Duration,
     /// Which FMU has ended the simulation before the stop time, when and why.
     pub ended: Option<String>,
+    /// How well the run has kept the time, if it was paced by the clock.
+    pub punctuality: Option<Punctuality>,
 }
 
 /// Runs a plan in this process. `observe` receives each row, and returns false to end the run.
@@ -45,9 +47,10 @@ pub fn simulate(
     });
     let duration = begin.elapsed();
     match finished {
-        Ok(Finished { messages, last, ended }) => {
+        Ok(Finished { messages, last, ended, punctuality }) => {
             let ended = ended.and_then(|ended| ended.early_end());
-            Ok(Completed { messages, last, summary: summarizer.summarize(), duration, ended })
+            let summary = summarizer.summarize();
+            Ok(Completed { messages, last, summary, duration, ended, punctuality })
         }
         Err(error) => Err(RunError::new(error, messages.take())),
     }

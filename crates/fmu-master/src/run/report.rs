@@ -31,6 +31,8 @@ pub(crate) enum Report<'a> {
 pub struct Ready {
     /// The names of the components and of their files.
     pub components: Vec<(String, String)>,
+    /// Whether the run is paced by the clock.
+    pub is_paced: bool,
     /// The times of the run.
     pub experiment: Experiment,
     /// The recorded variables.

@@ -3,7 +3,7 @@
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use fmu_description::{Type, Value};
@@ -26,7 +26,7 @@ pub(super) struct Rows {
     /// The number of rows in the file, and the time of the last one (s).
     count: u64,
     last: Option<f64>,
-    pub(super) flushed: Instant,
+    flushed: Instant,
 }
 
 /// The length of the text that is collected before it is written (bytes).
@@ -64,6 +64,11 @@ impl Rows {
         }
         self.ends.push((self.text.len(), row.time));
         if self.text.len() >= BUFFER { self.flush() } else { Ok(()) }
+    }
+
+    /// Whether something was collected, and nothing written for this long.
+    pub(super) fn is_due(&self, period: Duration) -> bool {
+        !self.text.is_empty() && self.flushed.elapsed() >= period
     }
 
     /// Writes what was collected. If the disk is full, the file ends with a whole row.

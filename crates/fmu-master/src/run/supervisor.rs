@@ -116,7 +116,10 @@ pub fn supervise(
                     let time = worker.record().time();
                     time.iter().for_each(|time| (watch.progress)(ready, *time));
                 }
-                let is_due = |rows: &&mut Rows| rows.flushed.elapsed() >= FLUSH_PERIOD;
+                // Whoever reads the rows of a paced run sees them at once.
+                let is_paced = ready.as_ref().is_some_and(|ready| ready.is_paced);
+                let period = if is_paced { Duration::ZERO } else { FLUSH_PERIOD };
+                let is_due = |rows: &&mut Rows| rows.is_due(period);
                 if let Some(Err(error)) = rows.as_mut().filter(is_due).map(Rows::flush) {
                     return unwritten(error, kept, rows);
                 }
@@ -173,7 +176,8 @@ pub fn supervise(
                 return Ok(RunOutcome::Finished(Box::new(run)));
             }
             Report::Failed(error) => {
-                let rows = if error.call.is_some() { keep(kept, rows) } else { String::new() };
+                let has_begun = error.call.is_some() || error.time.is_some();
+                let rows = if has_begun { keep(kept, rows) } else { String::new() };
                 return Ok(RunOutcome::Failed { error, rows });
             }
         }

@@ -35,6 +35,7 @@ pub fn serve<P: Borrow<Plan>>(
     let plan = plan.borrow();
     service.reply(&Report::Ready(Ready {
         components: plan.names(),
+        is_paced: plan.execution.real_time.is_some(),
         experiment: plan.experiment,
         columns: plan.columns.clone(),
         curves: curve::of_plan(plan),

@@ -36,7 +36,7 @@ impl Simulation<'_> {
     /// Has a component step, and gets its outputs.
     fn step_component(&mut self, index: usize, time: f64, step: f64) -> CallResult {
         let component = &mut self.components[index];
-        component.step::<false>(time, step)?;
+        component.step_measured(time, step)?;
         component.read::<false>(&mut self.outputs)
     }
 }

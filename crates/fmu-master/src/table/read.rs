@@ -9,7 +9,7 @@ use super::column::Series;
 use super::csv::value;
 use super::rows::{Rows, time, time_column};
 
-/// Reads a table, as Parquet if the name of the file ends in `.parquet`, else as CSV.
+/// Reads a table, as Parquet if the name of the file ends in `.parquet`, else as CSV. `-` is the standard input.
 ///
 /// # Errors
 /// The file cannot be read, or is no table; the error does not name the file.
@@ -19,11 +19,16 @@ pub fn read(file: &Path) -> Result<Vec<Series>> {
 
 /// Reads a table as [`read`] does, but keeps the fields of CSV as texts, except for the times.
 pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
+    open_texts(file)?.into_table()
+}
+
+/// Opens a table as [`read_texts`] reads it.
+pub(crate) fn open_texts(file: &Path) -> Result<Rows> {
     let value = |series: &Series, field: &str| match &*series.name {
         "time" => value(field),
         _ => Value::String(field.to_owned()),
     };
-    Rows::open_as(file, value)?.into_table()
+    Rows::open_as(file, value)
 }
 
 /// The times of a table, its first column.

@@ -1,7 +1,7 @@
 //! Reads the rows of a table one after the other.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, ErrorKind};
+use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::path::Path;
 use std::vec;
 
@@ -26,7 +26,7 @@ enum Source {
 
 /// The lines of a CSV file.
 struct Lines {
-    reader: Box<dyn BufRead>,
+    reader: BufReader<Box<dyn Read + Send>>,
     /// The number of fields of a line, and the places of those that are columns.
     fields: usize,
     places: Vec<usize>,
@@ -37,7 +37,7 @@ struct Lines {
 }
 
 impl Rows {
-    /// Opens a table, as Parquet if the name of the file ends in `.parquet`, else as CSV.
+    /// Opens a table, as Parquet if the name of the file ends in `.parquet`, else as CSV. `-` is the standard input.
     ///
     /// # Errors
     /// The file cannot be read, or is no table; the error does not name the file.
@@ -54,7 +54,8 @@ impl Rows {
                 let mut table = Vec::from_iter(table.into_iter().map(Some));
                 Ok(Self::of(places.iter().filter_map(|place| table[*place].take()).collect()))
             }
-            _ => Self::csv(Box::new(BufReader::new(File::open(file)?)), value),
+            _ if is_standard_input(file) => Self::csv(Box::new(standard_input()?), value),
+            _ => Self::csv(Box::new(File::open(file)?), value),
         }
     }
 
@@ -69,7 +70,11 @@ impl Rows {
     }
 
     /// The rows of CSV.
-    pub(super) fn csv(reader: Box<dyn BufRead>, value: fn(&Series, &str) -> Value) -> Result<Self> {
+    pub(super) fn csv(
+        reader: Box<dyn Read + Send>,
+        value: fn(&Series, &str) -> Value,
+    ) -> Result<Self> {
+        let reader = BufReader::new(reader);
         let mut lines =
             Lines { reader, fields: 0, places: Vec::new(), number: 0, line: String::new(), value };
         let is_there = lines.next()?;
@@ -108,15 +113,9 @@ impl Rows {
     ///
     /// # Errors
     /// There is no column of times in s.
-    pub fn timed(self) -> Result<impl Iterator<Item = Result<(f64, Vec<Cell>)>>> {
+    pub fn timed(self) -> Result<TimedRows> {
         time_column(&self.columns)?;
-        let mut before = None;
-        Ok(self.enumerate().map(move |(row, cells)| {
-            let cells = cells?;
-            let time = time(cells.first().unwrap_or(&None), before, row)?;
-            before = Some(time);
-            Ok((time, cells))
-        }))
+        Ok(TimedRows { rows: self, count: 0, before: None })
     }
 
     fn read(&mut self) -> Result<Option<Vec<Cell>>> {
@@ -153,6 +152,61 @@ impl Iterator for Rows {
     fn next(&mut self) -> Option<Self::Item> {
         self.read().transpose()
     }
+}
+
+/// The rows of a table with their times.
+pub struct TimedRows {
+    rows: Rows,
+    count: usize,
+    /// The time of the last row (s).
+    before: Option<f64>,
+}
+
+/// The time (s) of a row, and its cells.
+pub type TimedRow = (f64, Vec<Cell>);
+
+impl TimedRows {
+    /// Whether a line of CSV is there already, for which the next row need not wait.
+    pub(crate) fn has_line(&self) -> bool {
+        match &self.rows.source {
+            Source::Csv(lines) => lines.reader.buffer().contains(&b'\n'),
+            Source::Table(_) => true,
+        }
+    }
+
+    fn with_time(&mut self, cells: Result<Vec<Cell>>) -> Result<TimedRow> {
+        let cells = cells?;
+        let time = time(cells.first().unwrap_or(&None), self.before, self.count)?;
+        self.before = Some(time);
+        self.count += 1;
+        Ok((time, cells))
+    }
+}
+
+impl Iterator for TimedRows {
+    type Item = Result<TimedRow>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let cells = self.rows.next()?;
+        Some(self.with_time(cells))
+    }
+}
+
+/// Whether a file is the standard input; a file of this name is `./-`.
+pub fn is_standard_input(file: &Path) -> bool {
+    file == Path::new("-")
+}
+
+/// The standard input as a file, which reads no further than it is asked to.
+///
+/// # Errors
+/// The process has none.
+pub(crate) fn standard_input() -> io::Result<File> {
+    #[cfg(unix)]
+    let owned = std::os::fd::AsFd::as_fd(&io::stdin()).try_clone_to_owned()?;
+    #[cfg(windows)]
+    let owned = std::os::windows::io::AsHandle::as_handle(&io::stdin()).try_clone_to_owned()?;
+    Ok(File::from(owned))
 }
 
 /// The places of the columns of a file. Data frames of pandas are written with their index: the time last, or the numbers

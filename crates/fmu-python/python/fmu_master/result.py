@@ -81,6 +81,29 @@ class Messages(list[Message]):
         return messages_html(self)
 
 
+class RealTime(NamedTuple):
+    """How well a run that is paced by the clock has kept the time; a moment is a communication point."""
+
+    factor: float
+    """Simulated seconds per second."""
+    steps: int
+    """How many steps the run took."""
+    overruns: int
+    """How many steps ended after the next communication point was due."""
+    largest_overrun: tuple[float, float] | None
+    """By how much the latest step was too late, and the moment from which it began [s]."""
+    jitter: dict[float, float]
+    """How late the run woke up at most in 50, 99, 99.9 and 100 % of the cases [s]; empty if it
+    never had to wait."""
+    latest_wake_up: tuple[float, float] | None
+    """The largest delay of a wake-up, and its moment [s]."""
+    longest_step: tuple[float, float, str, float] | None
+    """The duration and the moment of the longest step [s], the component that took the longest
+    in it, and how long [s]."""
+    not_allowed: list[str]
+    """What the system did not allow: "SCHED_FIFO", "locked memory", each with the reason."""
+
+
 class Result(Mapping[str, np.ndarray]):
     """The results of a run: NumPy arrays by name, "time" [s] first, in the types of the variables.
 
@@ -109,6 +132,8 @@ class Result(Mapping[str, np.ndarray]):
         or diverge.
     ended : str or None
         Which FMU has ended the run before the stop time, and why.
+    real_time : RealTime or None
+        How well the run has kept the time, if `real_time` was given.
     duration : float
         Time that the run took, without loading and initializing the FMUs [s].
     """
@@ -123,6 +148,8 @@ class Result(Mapping[str, np.ndarray]):
         self.notes: list[str] = about.get("notes", [])
         self.alarms: list[str] = about.get("alarms", [])
         self.ended: str | None = about.get("ended")
+        kept = about.get("real_time")
+        self.real_time: RealTime | None = RealTime(**kept) if kept else None
         self.duration: float = about.get("duration", 0.0)
         self._summary: dict[str, dict[str, float]] | None = about.get("summary")
         self._incomplete: set[str] = set()

@@ -208,6 +208,7 @@ class System:
         tolerance: float | None = None,
         interface: str | None = None,
         compile: bool = False,
+        real_time: float | None = None,
         in_process: bool = False,
         progress: bool = False,
         debug_logging: bool = False,
@@ -222,7 +223,7 @@ class System:
             "sequential" or "parallel".
         start_time, stop_time, step_size, input, output, tolerance, interface, compile
             As for `simulate`, for all components.
-        in_process, progress, debug_logging
+        real_time, in_process, progress, debug_logging
             As for `simulate`.
 
         Raises
@@ -242,6 +243,7 @@ class System:
             "outputs": one_or_more(output or ()),
             "interface": interface,
             "compile": compile,
+            "real_time": real_time,
         }
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
         with contextlib.ExitStack() as stack:
@@ -287,6 +289,7 @@ def simulate(
     tolerance: float | None = None,
     interface: str | None = None,
     compile: bool = False,
+    real_time: float | None = None,
     in_process: bool = False,
     progress: bool = False,
     debug_logging: bool = False,
@@ -311,6 +314,9 @@ def simulate(
         "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
     compile
         Compile FMUs that have C or C++ sources, but no binary for this machine.
+    real_time
+        Pace the steps by the clock: 1.0 is real time, 2.0 twice as fast. An `input` that is a pipe
+        (FIFO) then gives its rows while the run goes.
     in_process
         Run in this process, which saves some milliseconds, but an FMU that crashes ends Python.
     progress
@@ -341,6 +347,7 @@ def simulate(
         tolerance=tolerance,
         interface=interface,
         compile=compile,
+        real_time=real_time,
         in_process=in_process,
         progress=progress,
         debug_logging=debug_logging,
