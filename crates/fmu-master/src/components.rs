@@ -11,6 +11,7 @@ use fmu_description::{Causality, Type, Value, Variability, Variable};
 use fmu_host::InterfaceType;
 
 use crate::fmu::Sizes;
+use crate::rate::{ComponentStep, Rate};
 use crate::similar::similar;
 use crate::start::{scalar_literals, sizes};
 use crate::{Component, Description, Fmu};
@@ -28,6 +29,8 @@ pub struct LoadedComponent {
     pub(crate) sampled: bool,
     /// Whether `sampled` follows from its outputs, because the description does not have it.
     pub(crate) is_guess: bool,
+    /// Its own step, and how it fits the communication step.
+    pub(crate) rate: Rate,
     /// The relative tolerance of its solver.
     pub(crate) tolerance: Option<f64>,
     /// The start values of the description, by the indices of scalars.
@@ -46,6 +49,8 @@ impl LoadedComponent {
         if !sizes.is_empty() {
             fmu = open(sizes)?;
         }
+        let rate = rate(component, &fmu, system.step);
+        let rate = rate.with_context(|| format!("component {}", component.name))?;
         let mut starts = Vec::new();
         for (name, literal) in &component.start {
             for literal in scalar_literals(&fmu, name, &full_name(name), literal)? {
@@ -57,6 +62,7 @@ impl LoadedComponent {
             prefix: if system.is_single { String::new() } else { full_name("") },
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             is_guess: component.sampled.is_none() && component.function.is_none(),
+            rate,
             tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
             starts,
             fmu,
@@ -66,6 +72,11 @@ impl LoadedComponent {
     /// Whether the master integrates its equations.
     pub(crate) fn integrates(&self) -> bool {
         self.fmu.interface_type == InterfaceType::ModelExchange
+    }
+
+    /// Whether a step is one call, in each communication step.
+    pub(crate) fn is_plain(&self) -> bool {
+        !self.integrates() && self.rate.is_of_system()
     }
 
     /// The name of a scalar in the system.
@@ -90,7 +101,11 @@ fn open(
     fmus: &mut Fmus,
 ) -> Result<Arc<Fmu>> {
     if let Some(function) = &component.function {
-        let variables = function.variables(&component.name, system.step)?;
+        let step = match component.step {
+            Some(ComponentStep::Size(step)) => step,
+            _ => system.step,
+        };
+        let variables = function.variables(&component.name, step)?;
         return Ok(Arc::new(Fmu::from_function(&component.fmu, function, variables)));
     }
     let key = (component.fmu.clone(), component.interface, sizes);
@@ -102,6 +117,23 @@ fn open(
     let fmu = Arc::new(Fmu::open(file, interface, &key.2, *sandbox, compilation)?);
     fmus.insert(key, fmu.clone());
     Ok(fmu)
+}
+
+/// The rate of a component in a system with this communication step (s).
+fn rate(component: &Component, fmu: &Fmu, communication_step: f64) -> Result<Rate> {
+    match component.step {
+        None => Ok(Rate::of_system(communication_step)),
+        Some(ComponentStep::Size(step)) => Rate::new(step, communication_step),
+        Some(ComponentStep::DefaultExperiment) => {
+            let step = fmu.step.with_context(|| {
+                format!(
+                    "step = \"default experiment\", but {} has no step size in it",
+                    fmu.file_name()
+                )
+            })?;
+            Rate::new(step, communication_step).context("default experiment")
+        }
+    }
 }
 
 /// Whether all outputs are discrete, as in a sampled controller.

@@ -15,6 +15,7 @@ use crate::fault::{Amount, Fault};
 use crate::function::Computed;
 use crate::given_inputs::GivenInputs;
 use crate::package::SystemOrigin;
+use crate::rate::ComponentStep;
 use crate::{Compilation, Execution, Experiment, Function, Literal, Signature};
 
 /// A system of coupled FMUs.
@@ -28,6 +29,8 @@ pub struct Description {
     pub stop: f64,
     /// The communication step (s).
     pub step: f64,
+    /// The time between two recorded rows (s), a multiple of the communication step, which it is by default.
+    pub output_step: Option<f64>,
     /// Order of stepping; sequential by default.
     #[serde(default)]
     pub order: Order,
@@ -104,6 +107,8 @@ pub struct Component {
     pub fmu: PathBuf,
     /// How it is run; by default by co-simulation, if the FMU supports it.
     pub interface: Option<InterfaceType>,
+    /// Its own step, a multiple or a whole fraction of the communication step, which it is by default.
+    pub step: Option<ComponentStep>,
     /// Whether its outputs after a step belong to the sample taken at the start of the step; by
     /// default, true if all outputs are discrete.
     pub sampled: Option<bool>,

@@ -131,7 +131,7 @@ impl RunError {
 
     /// Adds the communication point.
     pub(crate) fn at(mut self: Box<Self>, time: f64) -> Box<Self> {
-        self.time = Some(time);
+        self.time = self.time.or(Some(time));
         self
     }
 }

@@ -175,6 +175,21 @@ impl InputTable {
         }
     }
 
+    /// Whether it has inputs of a component.
+    pub(crate) fn feeds(&self, component: usize) -> bool {
+        self.inputs.iter().any(|column| column.to.component == component)
+    }
+
+    /// As [`Self::apply`], for the inputs of a component.
+    pub(crate) fn apply_to(&self, component: usize, time: f64, places: &[Place], to: &mut Store) {
+        let rows = self.rows(time);
+        for (column, place) in self.inputs.iter().zip(places) {
+            if column.to.component == component {
+                to.set(*place, self.value(column, time, rows));
+            }
+        }
+    }
+
     /// The value of an input at a time (s) from these rows.
     pub(crate) fn value(&self, column: &InputColumn, time: f64, rows: RowsAtTime) -> Value {
         if let (Some(kind), Some(next)) = (column.interpolated, rows.next) {

@@ -27,6 +27,9 @@ pub struct Overrides {
     /// Communication step size in s
     #[arg(long, value_name = "H", allow_negative_numbers = true)]
     pub step: Option<f64>,
+    /// Time between two recorded rows in s, a multiple of the communication step [default: the communication step]
+    #[arg(long, value_name = "H", allow_negative_numbers = true)]
+    pub output_step: Option<f64>,
     /// Relative tolerance of all components
     #[arg(long, value_name = "TOLERANCE")]
     pub tolerance: Option<f64>,
@@ -72,6 +75,7 @@ impl Overrides {
         description.start = self.start.unwrap_or(description.start);
         description.stop = self.stop.unwrap_or(description.stop);
         description.step = self.step.unwrap_or(description.step);
+        description.output_step = self.output_step.or(description.output_step);
         description.order = self.order.unwrap_or(description.order);
         description.tolerance = self.tolerance.or(description.tolerance);
         for component in &mut description.components {

@@ -11,6 +11,7 @@ use crate::connections::{self, ResolvedConnection};
 use crate::input_table::InputTable;
 use crate::live_input::{self, LiveInput};
 use crate::note::Note;
+use crate::rate;
 use crate::start::{ComponentStarts, StartValue, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
@@ -27,6 +28,8 @@ pub struct Plan {
     pub experiment: Experiment,
     /// How a run is executed.
     pub execution: Execution,
+    /// The number of communication steps from one recorded row to the next.
+    pub(crate) output_every: u64,
     pub(crate) order: Order,
     pub(crate) connections: Vec<ResolvedConnection>,
     pub(crate) input: Option<InputTable>,
@@ -58,6 +61,7 @@ impl Plan {
         let experiment = description.experiment();
         experiment.steps()?;
         check_tolerance("tolerance", description.tolerance)?;
+        let output_every = output_every(description.output_step, experiment.step)?;
         let mut components = Components::load(description)?;
         let connections = connections::resolve(description, &components)?;
         let fed: HashSet<usize> = connections.iter().map(|c| c.to.component).collect();
@@ -103,6 +107,7 @@ impl Plan {
             bounds: recorded.iter().map(bounds).collect(),
             recorded,
             experiment,
+            output_every,
             input,
             live,
             components,
@@ -261,10 +266,39 @@ impl Plan {
         if self.steps_from_stop() { stop + step } else { stop }
     }
 
+    /// The stop time of the FMU of a component: a sampled one with a step of its own may end its last step later.
+    pub(crate) fn end_of(&self, component: usize) -> f64 {
+        let LoadedComponent { rate, sampled, .. } = self.components[component];
+        let (end, start) = (self.end(), self.experiment.start);
+        match self.communication_steps().checked_sub(1) {
+            Some(last) if sampled && rate.every > 1 => {
+                let last = last - last % rate.every;
+                let ends = rate.times(last + rate.every, start);
+                ends.filter(|time| *time - end > 1e-6 * self.experiment.step).fold(end, f64::max)
+            }
+            _ => end,
+        }
+    }
+
+    /// The number of communication steps of a run, one of which may be from the stop time.
+    pub(crate) fn communication_steps(&self) -> u64 {
+        // Checked when the plan was made.
+        let points = self.experiment.steps().unwrap_or(0);
+        if self.steps_from_stop() { points } else { points.saturating_sub(1) }
+    }
+
     /// Whether a step from the stop time is needed, because a recorded component is sampled.
     pub(crate) fn steps_from_stop(&self) -> bool {
         !self.wiring.recorded_after.is_empty()
     }
+}
+
+/// The number of communication steps (s) from one recorded row to the next.
+fn output_every(output_step: Option<f64>, communication_step: f64) -> Result<u64> {
+    let Some(output_step) = output_step else { return Ok(1) };
+    rate::ratio(output_step, communication_step).with_context(|| {
+        format!("output_step = {output_step:?}, expected a multiple of the communication step, {communication_step:?} s")
+    })
 }
 
 /// The recorded variables, and the names of their columns: a variable may be recorded by its name and aliases.

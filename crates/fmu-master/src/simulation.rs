@@ -91,13 +91,13 @@ impl Simulation<'_> {
     /// Initializes with the calls of FMPy, in its order.
     fn initialize(&mut self, starts: &[ComponentStarts<'_>]) -> CallResult {
         let plan = self.plan;
-        let (start, end) = (plan.experiment.start, plan.end());
+        let start = plan.experiment.start;
         self.messages.record().at(start);
         self.begin_inputs(starts);
         self.feed(start)?;
         for (index, component) in self.components.iter_mut().enumerate() {
             let tolerance = plan.components[index].tolerance;
-            component.set_up((start, Some(end)), tolerance, &starts[index])?;
+            component.set_up((start, Some(plan.end_of(index))), tolerance, &starts[index])?;
         }
         let entered =
             self.components.iter_mut().try_for_each(ComponentInstance::enter_initialization);
@@ -115,7 +115,7 @@ impl Simulation<'_> {
                 component.parameters =
                     table.and_then(|t| TableParameters::new(t, index, fmu, starts, start));
                 let inputs = table.and_then(|t| TableInputs::new(t, index, fmu, groups, starts));
-                component.begin(inputs, loaded.tolerance, (start, plan.experiment.step))
+                component.begin(inputs, loaded.tolerance, (start, loaded.rate.step))
             })
         });
         begun.map_err(|failure| failure.at(start))
@@ -159,9 +159,10 @@ impl Simulation<'_> {
     /// # Errors
     /// A [`RunError`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
-        let integrates = self.plan.components.iter().any(LoadedComponent::integrates);
         self.begin_pace();
-        let is_plain = self.plan.wiring.is_plain && !integrates && self.pace.is_none();
+        let is_plain = self.plan.wiring.is_plain
+            && self.pace.is_none()
+            && self.plan.components.iter().all(LoadedComponent::is_plain);
         let steps = match (self.ended.take(), is_plain) {
             (Some(failure), _) => self.record_start(&mut observe).and(Err(failure)),
             (None, true) => self.steps::<true>(&mut observe),
@@ -223,16 +224,16 @@ impl Simulation<'_> {
     fn steps<const PLAIN: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> CallResult {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
-        let steps = experiment.steps().unwrap_or(0);
+        let points = experiment.steps().unwrap_or(0);
         // Without sampled components, a row is complete before the step.
         let is_late = self.plan.steps_from_stop();
-        let last = if is_late { steps } else { steps.saturating_sub(1) };
+        let steps = self.plan.communication_steps();
         let failed_at = |time| move |failure: Box<RunError>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
         // The first step reads them at the same communication point, but in other calls.
         self.components.iter_mut().for_each(|component| component.recorded.calls.begin(None));
-        for k in 0..steps {
+        for k in 0..points {
             let time = experiment.time(k);
             self.messages.record().at(time);
             if !PLAIN {
@@ -244,7 +245,7 @@ impl Simulation<'_> {
             if !is_late && !observe(&self.row) {
                 break;
             }
-            if k < last {
+            if k < steps {
                 let stepped = match PLAIN {
                     true => self.step_plainly(time, experiment.step),
                     false => self.advance_paced(k, time, experiment.step),

@@ -96,6 +96,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         start: arguments.number("start")?,
         stop: arguments.number("stop")?,
         step: arguments.number("step")?,
+        output_step: arguments.number("output_step")?,
         tolerance: arguments.number("tolerance")?,
         interface: arguments.item("interface")?,
         order: arguments.item("order")?,

@@ -25,7 +25,8 @@ pub struct Completed {
     pub punctuality: Option<Punctuality>,
 }
 
-/// Runs a plan in this process. `observe` receives each row, and returns false to end the run.
+/// Runs a plan in this process. `observe` receives the rows, and returns false to end the run. The summary has all
+/// communication points, also those between two rows.
 ///
 /// # Errors
 /// A call of an FMU has failed, or the run cannot begin.
@@ -38,16 +39,27 @@ pub fn simulate(
     // Loading the binaries and initializing the FMUs do not count as simulating.
     let mut begin = Instant::now();
     let mut summarizer = Summarizer::new(plan);
+    // Communication points until the next row, which the first one is.
+    let mut left = 0;
     let finished = plan.simulate(starts, messages).and_then(|simulation| {
         begin = Instant::now();
         simulation.run(|row| {
             summarizer.add(row);
+            if left > 0 {
+                left -= 1;
+                return true;
+            }
+            left = plan.output_every - 1;
             observe(row)
         })
     });
     let duration = begin.elapsed();
     match finished {
         Ok(Finished { messages, last, ended, punctuality }) => {
+            // The row of a run that an FMU has ended between two rows.
+            if ended.is_some() && left + 1 < plan.output_every {
+                observe(&last);
+            }
             let ended = ended.and_then(|ended| ended.early_end());
             let summary = summarizer.summarize();
             Ok(Completed { messages, last, summary, duration, ended, punctuality })

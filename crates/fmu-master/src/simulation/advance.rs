@@ -1,42 +1,98 @@
 //! What a system that is not plain does between two communication points.
 
 use super::Simulation;
-use crate::Order;
 use crate::component_instance::CallResult;
+use crate::rate::Rate;
+use crate::{LoadedComponent, Order};
 
 impl Simulation<'_> {
     /// Advances from communication point `k`, at a time (s), by a step (s), which may be another one than that of the
-    /// experiment: passes values to inputs, has the components step in their order, and gets their outputs. Neither
-    /// records nor takes values from the input file.
+    /// experiment unless a component has a step of its own: passes values to inputs, has the components step in their
+    /// order, and gets their outputs. Records nothing, and takes values from the input file only within the step.
     pub(crate) fn advance(&mut self, k: u64, time: f64, step: f64) -> CallResult {
-        let is_sequential = self.plan.order == Order::Sequential;
-        for index in 0..self.components.len() {
+        let all = 0..self.components.len();
+        if self.plan.order == Order::Sequential {
+            for index in all {
+                self.feed_component(index, k, time, step)?;
+                self.step_component(index, k, time, step)?;
+                self.read_component(index, k)?;
+            }
+            return Ok(());
+        }
+        for index in all.clone() {
             self.feed_component(index, k, time, step)?;
-            if is_sequential {
-                self.step_component(index, time, step)?;
-            }
         }
-        if !is_sequential {
-            for index in 0..self.components.len() {
-                self.step_component(index, time, step)?;
-            }
+        for index in all.clone() {
+            self.step_component(index, k, time, step)?;
         }
-        Ok(())
+        all.into_iter().try_for_each(|index| self.read_component(index, k))
     }
 
-    /// Sets the tunable parameters of a component that change, and passes the newest outputs to its inputs, by connections
-    /// that may have faults.
+    /// Passes the newest outputs to the inputs of a component that steps now, by connections that may have faults, after
+    /// its tunable parameters that change.
     fn feed_component(&mut self, index: usize, k: u64, time: f64, step: f64) -> CallResult {
-        self.components[index].set_parameters(time)?;
+        // Faults act in each communication step.
         let connections = self.faulty_connections[index].iter_mut();
         connections.for_each(|connection| connection.carry(k, time, step, &mut self.outputs));
+        if !self.is_due(index, k) {
+            return Ok(());
+        }
+        self.components[index].set_parameters(time)?;
         self.components[index].write::<false>(&self.outputs)
     }
 
-    /// Has a component step, and gets its outputs.
-    fn step_component(&mut self, index: usize, time: f64, step: f64) -> CallResult {
-        let component = &mut self.components[index];
-        component.step_measured(time, step)?;
-        component.read::<false>(&mut self.outputs)
+    /// Has a component take its steps in this communication step.
+    fn step_component(&mut self, index: usize, k: u64, time: f64, step: f64) -> CallResult {
+        let rate = self.plan.components[index].rate;
+        if rate.is_of_system() {
+            return self.components[index].step_measured(time, step);
+        }
+        if !self.is_due(index, k) {
+            return Ok(());
+        }
+        for (number, time) in rate.times(k, self.plan.experiment.start).enumerate() {
+            self.messages.record().at(time);
+            self.messages.record().step(rate.step);
+            let stepped = match number {
+                0 => Ok(()),
+                _ => self.feed_within_step(index, time),
+            };
+            let stepped =
+                stepped.and_then(|()| self.components[index].step_measured(time, rate.step));
+            stepped.map_err(|failure| failure.at(time))?;
+        }
+        self.messages.record().at(time);
+        self.messages.record().step(step);
+        Ok(())
+    }
+
+    /// Sets what changes of a component within a communication step, for one of its steps in it (s).
+    fn feed_within_step(&mut self, index: usize, time: f64) -> CallResult {
+        self.components[index].set_parameters(time)?;
+        let wiring = &self.plan.wiring;
+        let Some(input) = self.plan.input.as_ref().filter(|input| input.feeds(index)) else {
+            return Ok(());
+        };
+        input.apply_to(index, time, &wiring.table_places, &mut self.outputs);
+        self.components[index].write::<false>(&self.outputs)
+    }
+
+    /// Gets the outputs of a component at their time: of a sampled one after its step, of others when the communication
+    /// steps reach the end of its step.
+    fn read_component(&mut self, index: usize, k: u64) -> CallResult {
+        let LoadedComponent { rate, sampled, .. } = self.plan.components[index];
+        let is_time = if sampled { self.is_due(index, k) } else { rate.ends(k) };
+        match is_time {
+            true => self.components[index].read::<false>(&mut self.outputs),
+            false => Ok(()),
+        }
+    }
+
+    /// Whether a component steps from communication point `k`. A step that would end after the last communication point
+    /// is only taken for a sample.
+    fn is_due(&self, index: usize, k: u64) -> bool {
+        let LoadedComponent { rate: rate @ Rate { every, .. }, sampled, .. } =
+            self.plan.components[index];
+        rate.is_due(k) && (sampled || every == 1 || k + every <= self.plan.communication_steps())
     }
 }

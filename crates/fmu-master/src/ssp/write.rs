@@ -84,6 +84,8 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
         description.tolerance.is_some() || components.iter().any(|c| c.tolerance.is_some());
     for (key, is_given) in [
         ("input", description.input.is_some()),
+        ("output_step", description.output_step.is_some()),
+        ("step of components", components.iter().any(|c| c.step.is_some())),
         ("tolerance", has_tolerance),
         ("sampled", components.iter().any(|c| c.sampled.is_some())),
     ] {

@@ -19,6 +19,10 @@ SIGNALS = ("reference", "output", "error", "control")
 """The signals of a sweep."""
 
 
+DEFAULT_EXPERIMENT = "default experiment"
+"""The step of a component that has the step size of its default experiment."""
+
+
 class Kind(NamedTuple):
     """What the value of a key must be."""
 
@@ -65,6 +69,10 @@ FLAG = Kind("True or False", lambda value: isinstance(value, bool | np.bool_))
 TEXT = Kind("a text", _is_text)
 TEXTS = Kind("names of variables", _are_texts)
 STARTS = Kind("a dict from names to values", lambda value: hasattr(value, "keys"))
+STEP = Kind(
+    f'{SECONDS.expected}, or "{DEFAULT_EXPERIMENT}"',
+    lambda value: is_number(value) or value == DEFAULT_EXPERIMENT,
+)
 ORDER = Kind('"sequential" or "parallel"', lambda value: value in ("sequential", "parallel"))
 
 SYSTEM = {
@@ -73,6 +81,7 @@ SYSTEM = {
     "start": SECONDS,
     "stop": SECONDS,
     "step": SECONDS,
+    "output_step": SECONDS,
     "order": ORDER,
     "outputs": TEXTS,
     "input": Kind("a file; `simulate` takes tables of values as its `input`", _is_file),
@@ -89,6 +98,7 @@ COMPONENT = {
     ),
     "start": STARTS,
     "interface": TEXT,
+    "step": STEP,
     "sampled": FLAG,
     "tolerance": NUMBER,
 }

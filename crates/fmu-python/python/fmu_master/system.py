@@ -41,10 +41,10 @@ class System:
         the keys of a system file.
     **keys
         The same keys as keyword arguments. `components` maps names to files, or to dicts with the
-        keys `fmu`, `start`, `interface`, `sampled` and `tolerance`, or to a `python_component`;
-        `connections` has pairs
-        (output, input), texts "component.output -> component.input" or dicts; `start`, `stop` and
-        `step` are in s; `order` is "sequential" or "parallel".
+        keys `fmu`, `start`, `interface`, `step`, `sampled` and `tolerance`, or to a
+        `python_component`; `connections` has pairs (output, input), texts "component.output ->
+        component.input" or dicts; `start`, `stop`, `step` and `output_step` are in s; `order` is
+        "sequential" or "parallel".
 
     Examples
     --------
@@ -202,6 +202,7 @@ class System:
         start_time: float | None = None,
         stop_time: float | None = None,
         step_size: float | None = None,
+        output_step: float | None = None,
         input: Input | None = None,
         output: Sequence[str] | None = None,
         order: str | None = None,
@@ -221,7 +222,7 @@ class System:
             Start values by `component.variable`; enumerations by the names of their items.
         order
             "sequential" or "parallel".
-        start_time, stop_time, step_size, input, output, tolerance, interface, compile
+        start_time, stop_time, step_size, output_step, input, output, tolerance, interface, compile
             As for `simulate`, for all components.
         real_time, in_process, progress, debug_logging
             As for `simulate`.
@@ -238,6 +239,7 @@ class System:
             "start": start_time,
             "stop": stop_time,
             "step": step_size,
+            "output_step": output_step,
             "order": order,
             "tolerance": tolerance,
             "outputs": one_or_more(output or ()),
@@ -286,6 +288,7 @@ def simulate(
     input: Input | None = None,
     output: Sequence[str] | None = None,
     *,
+    output_step: float | None = None,
     tolerance: float | None = None,
     interface: str | None = None,
     compile: bool = False,
@@ -308,6 +311,8 @@ def simulate(
         Inputs over time; see `Input`.
     output
         Names of variables to record, by default all outputs that are numbers.
+    output_step
+        Time between two rows [s], a multiple of the communication step, which it is by default.
     tolerance
         Relative tolerance.
     interface
@@ -344,6 +349,7 @@ def simulate(
         step_size=step_size,
         input=input,
         output=output,
+        output_step=output_step,
         tolerance=tolerance,
         interface=interface,
         compile=compile,
