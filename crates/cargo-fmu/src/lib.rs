@@ -90,7 +90,7 @@ Example:\n  cargo fmu validate target/fmu/*.fmu")]
   cargo fmu simulate examples/closed-loop/pid.toml --csv target/pid.csv
   cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
       --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
-    Simulate(simulate::SimulateArgs),
+    Simulate(simulate::ProfiledArgs),
     /// Build models quickly and simulate them, again after each change
     #[command(
         mut_arg("system", |arg| arg.value_name("MODEL or SYSTEM.toml").help(
@@ -212,7 +212,7 @@ fn execute(command: Command) -> Result<ExitCode> {
             let session = Session::end_when_interrupted()?;
             return validate::run(&args, &session, out).map(code);
         }
-        Command::Simulate(args) => return simulate::run(&args, out),
+        Command::Simulate(args) => return simulate::run(args, out),
         Command::Run(args) => return run::run(args, out),
         Command::Sweep(args) => return sweep::run(&args, out),
         Command::Compare(args) => return until_interrupted(|| compare::run(&args, out)).map(code),

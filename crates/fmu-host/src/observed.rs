@@ -80,7 +80,7 @@ pub enum Element {
 
 impl ObservedCall<'_> {
     /// What the loading of a binary is called.
-    pub const LOADING: &'static str = "loading it";
+    pub const LOADING: &'static str = "load";
 
     /// The names and directions of the arguments.
     pub fn arguments(&self) -> impl Iterator<Item = (&'static str, Direction)> {

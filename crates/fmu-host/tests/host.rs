@@ -159,7 +159,7 @@ fn an_observer_sees_each_call_with_its_arguments_before_and_after() {
     instance.reset().unwrap_err(); // it is missing
     drop(instance);
     let noted = noted.0.lock().unwrap();
-    assert_eq!(noted[0], "loading it() -> None()");
+    assert_eq!(noted[0], "load() -> None()");
     assert!(noted[1].starts_with("fmi3InstantiateCoSimulation(name "), "{}", noted[1]);
     assert!(noted[1].ends_with("-> Some(0)()"), "{}", noted[1]);
     let values = "values=[Float64(1.5), Float64(2.0)]";

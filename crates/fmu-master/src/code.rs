@@ -19,6 +19,9 @@ pub(crate) enum Code {
     Function(Function),
 }
 
+/// A library and the location of its resources.
+type Loaded = Result<(Arc<Library>, String), LoadError>;
+
 /// An unpacked binary.
 pub(crate) struct UnpackedBinary {
     pub(crate) version: FmiVersion,
@@ -27,7 +30,9 @@ pub(crate) struct UnpackedBinary {
     pub(crate) file: String,
     /// Loaded by the first instance, and the location of its resources. Must be dropped before the folder, which
     /// removes the file.
-    pub(crate) library: OnceLock<Result<(Arc<Library>, String), LoadError>>,
+    pub(crate) library: OnceLock<Loaded>,
+    /// The same, whose calls are observed.
+    pub(crate) observed: OnceLock<Loaded>,
     pub(crate) folder: FmuFolder,
     pub(crate) token: String,
     pub(crate) limits: Limits,
@@ -45,7 +50,8 @@ impl UnpackedBinary {
 
     /// Whether it must not be called again in this process, because of a fatal error.
     pub(crate) fn is_lost(&self) -> bool {
-        matches!(self.library.get(), Some(Ok((library, _))) if library.is_lost())
+        let loaded = [&self.library, &self.observed].into_iter().filter_map(OnceLock::get);
+        loaded.flatten().any(|(library, _)| library.is_lost())
     }
 
     /// Creates an instance of the component with an index, and loads the binary before the first.
@@ -58,14 +64,20 @@ impl UnpackedBinary {
         name: &str,
         messages: &Messages,
     ) -> Result<Instance> {
-        let Self { file, library, folder, token, limits, problems, .. } = self;
+        let Self { file, folder, token, limits, problems, .. } = self;
+        let observer = messages.observers().of_component(component);
         let mut calls = messages.record().calls(component);
         calls.begin(Some(fmu_worker::Function::LOADING));
         let load = || {
-            let library = Library::load(&folder.path().join(file), self.version)?;
+            let file = folder.path().join(file);
+            let library = match observer.clone() {
+                None => Library::load(&file, self.version)?,
+                Some(observer) => Library::load_observed(&file, self.version, observer)?,
+            };
             let resources = library.location(&folder.path().join("resources"));
             Ok((library, resources))
         };
+        let library = if observer.is_some() { &self.observed } else { &self.library };
         let (library, resources) = library.get_or_init(load).as_ref().map_err(Clone::clone)?;
         ensure!(!library.is_lost(), "it is unusable after a fatal error");
         let arguments = Instantiation {
@@ -75,10 +87,14 @@ impl UnpackedBinary {
             resources,
             logging_on: true,
             limits: *limits,
+            observer: observer.clone(),
             ..Instantiation::default()
         };
         let (instance, log) = (name.to_owned(), messages.clone());
-        let sink = move |logged| log.log(&instance, &logged);
+        let sink = move |logged| {
+            observer.iter().for_each(|observer| observer.log(&logged));
+            log.log(&instance, &logged);
+        };
         let function = match (self.version, self.interface_type) {
             (FmiVersion::Fmi2, _) => "fmi2Instantiate",
             (FmiVersion::Fmi3, InterfaceType::CoSimulation) => "fmi3InstantiateCoSimulation",

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use fmu_description::{FmiVersion, Type, Value, Variable};
 use fmu_host::{Instance, InterfaceType};
 
-use crate::code::Code;
+use crate::code::{Code, UnpackedBinary};
 use crate::declarations::Units;
 use crate::similar::similar;
 use crate::{Advice, Function, Messages};
@@ -114,6 +114,14 @@ impl Fmu {
     pub(crate) fn compiled(&self) -> Option<&[String]> {
         match &self.code {
             Code::Binary(binary) => binary.compiled.as_deref(),
+            Code::Function(_) => None,
+        }
+    }
+
+    /// Its binary, unless it is a function.
+    pub(crate) fn binary(&self) -> Option<&UnpackedBinary> {
+        match &self.code {
+            Code::Binary(binary) => Some(binary),
             Code::Function(_) => None,
         }
     }
@@ -294,7 +302,9 @@ impl Fmu {
     ) -> Result<Instance> {
         let instance = match &self.code {
             Code::Binary(binary) => binary.instantiate(component, name, messages),
-            Code::Function(function) => Ok(function.instantiate(name, &self.variables, messages)),
+            Code::Function(function) => {
+                Ok(function.instantiate((component, name), &self.variables, messages))
+            }
         };
         let path = self.path.display();
         instance.with_context(|| format!("component {name}: {path} cannot be instantiated"))

@@ -116,7 +116,7 @@ impl Function {
     /// An instance with these variables; each has samples of its own.
     pub(crate) fn instantiate(
         &self,
-        name: &str,
+        (component, name): (usize, &str),
         variables: &[Variable],
         messages: &Messages,
     ) -> Instance {
@@ -145,8 +145,13 @@ impl Function {
         };
         let start = variables.iter().flat_map(|variable| variable.start.iter().cloned());
         let (instance, log) = (name.to_owned(), messages.clone());
-        let sink = move |logged| log.log(&instance, &logged);
-        Instance::of_function(start.collect(), Box::new(step), sink, None)
+        let observer = messages.observers().of_component(component);
+        let watching = observer.clone();
+        let sink = move |logged| {
+            watching.iter().for_each(|observer| observer.log(&logged));
+            log.log(&instance, &logged);
+        };
+        Instance::of_function(start.collect(), Box::new(step), sink, observer)
     }
 }
 

@@ -15,7 +15,9 @@ use crate::run::{self, Report};
 use crate::stepped_fmu::{self, Setup};
 use crate::sweep::{self, SweepSource};
 use crate::vector::{self, ShareSource};
-use crate::{Description, Overrides, Plan, Signature, StartValue, is_fmu, locate, table};
+use crate::{
+    Description, Observation, Overrides, Plan, Signature, StartValue, is_fmu, locate, table,
+};
 
 /// The job of a worker process.
 #[derive(Debug, Serialize, Deserialize)]
@@ -65,7 +67,9 @@ pub fn serve(service: &mut Service) -> Result<()> {
     while let Some(job) = service.task()? {
         match job {
             Job::Run { system, records } => {
-                run::serve(service, records, |warn| loaded.plan(system, &compute, warn))?;
+                let observation = system.overrides.observation.clone();
+                let how = (records, &observation);
+                run::serve(service, how, |warn| loaded.plan(system, &compute, warn))?;
             }
             Job::Sweep(source) => return sweep::serve(service, &source),
             Job::Step(setup) => return stepped_fmu::serve(service, &setup),
@@ -145,7 +149,8 @@ impl SystemSource {
 pub struct LoadedSystem(Option<(SystemSource, Plan)>);
 
 impl LoadedSystem {
-    /// The plan of a system and its start values. The FMUs stay loaded while only the start values change.
+    /// The plan of a system and its start values. The FMUs stay loaded while only the start values change, or what is
+    /// observed.
     ///
     /// # Errors
     /// As [`SystemSource::plan`].
@@ -156,6 +161,7 @@ impl LoadedSystem {
         warn: &mut dyn FnMut(&str),
     ) -> Result<(&Plan, Vec<StartValue>)> {
         let starts = std::mem::take(&mut system.overrides.sets);
+        system.overrides.observation = Observation::default();
         let last = self.0.take().and_then(|(mut last, plan)| {
             let last_starts = std::mem::take(&mut last.overrides.sets);
             let is_same = last == system

@@ -2,10 +2,14 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use anyhow::Result;
 use fmu_file::text::plain;
 use fmu_host::{LogMessage, Status};
 use fmu_worker::{Call, Record};
 use serde::{Deserialize, Serialize};
+
+use crate::observation::Observers;
+use crate::{LoadedComponent, Observation, Plan};
 
 /// A log message of an instance.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -84,7 +88,10 @@ const MAX_CHARACTERS: usize = 1000;
 
 /// The messages of a simulation. Clones share them, since an FMU may log from its own threads.
 #[derive(Debug, Clone, Default)]
-pub struct Messages(Arc<Shared>);
+pub struct Messages {
+    shared: Arc<Shared>,
+    observers: Observers,
+}
 
 #[derive(Debug, Default)]
 struct Shared {
@@ -97,17 +104,44 @@ struct Shared {
 impl Messages {
     /// The messages of a simulation whose calls are recorded.
     pub fn recorded(record: Record) -> Self {
-        Self(Arc::new(Shared { kept: Mutex::default(), record, only_problems: false }))
+        Self::shared(record, false)
+    }
+
+    fn shared(record: Record, only_problems: bool) -> Self {
+        let shared = Arc::new(Shared { kept: Mutex::default(), record, only_problems });
+        Self { shared, observers: Observers::default() }
+    }
+
+    /// The same, of a simulation of a plan whose calls are observed.
+    ///
+    /// # Errors
+    /// The file of a trace cannot be written.
+    pub fn observed(self, observation: &Observation, plan: &Plan) -> Result<Self> {
+        self.observed_in(observation, &plan.components)
+    }
+
+    /// The same, of components.
+    pub(crate) fn observed_in(
+        self,
+        observation: &Observation,
+        components: &[LoadedComponent],
+    ) -> Result<Self> {
+        Ok(Self { observers: observation.begin(components)?, ..self })
+    }
+
+    /// Who observes the calls of the simulation.
+    pub(crate) fn observers(&self) -> &Observers {
+        &self.observers
     }
 
     /// The same, from FMUs that are asked for warnings and errors only, if they can be: other messages take time, and a
     /// run of a sweep that succeeds shows none.
     pub(crate) fn of_problems(record: Record) -> Self {
-        Self(Arc::new(Shared { kept: Mutex::default(), record, only_problems: true }))
+        Self::shared(record, true)
     }
 
     pub(crate) fn only_problems(&self) -> bool {
-        self.0.only_problems
+        self.shared.only_problems
     }
 
     /// Takes the messages logged so far. One without an instance says how many are left out in its place.
@@ -116,21 +150,21 @@ impl Messages {
     }
 
     fn kept(&self) -> MutexGuard<'_, Vec<Message>> {
-        self.0.kept.lock().unwrap_or_else(PoisonError::into_inner)
+        self.shared.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn record(&self) -> &Record {
-        &self.0.record
+        &self.shared.record
     }
 
     fn call(&self) -> Call {
-        self.0.record.call()
+        self.shared.record.call()
     }
 
     /// Stores a message of an instance.
     pub(crate) fn log(&self, instance: &str, logged: &LogMessage) {
         let text = plain(logged.text.trim_end(), MAX_CHARACTERS);
-        self.0.record.log(&text);
+        self.shared.record.log(&text);
         let category = plain(logged.category.as_deref().unwrap_or_default(), MAX_CHARACTERS);
         self.keep(instance, Level::of(logged.status, &category), category, text);
     }

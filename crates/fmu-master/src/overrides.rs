@@ -9,7 +9,7 @@ use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
 use crate::given_inputs::GivenInputs;
-use crate::{Compilation, Description, Execution, Literal, Order, Sandbox};
+use crate::{Compilation, Description, Execution, Literal, Observation, Order, Sandbox};
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
@@ -58,6 +58,9 @@ pub struct Overrides {
     /// How the run is executed.
     #[command(flatten)]
     pub execution: Execution,
+    /// What is observed of the calls.
+    #[command(flatten)]
+    pub observation: Observation,
     /// How WebAssembly components run.
     #[arg(skip)]
     pub sandbox: Sandbox,

@@ -18,7 +18,7 @@ use crate::components::LoadedComponent;
 use crate::cycle::Cycle;
 use crate::literal::refusal;
 use crate::start::{ComponentStarts, ScalarLiteral, scalar_literals};
-use crate::{Compilation, Description, Fmu, Literal, Messages, Plan, RunError};
+use crate::{Compilation, Description, Fmu, Literal, Messages, Observation, Plan, RunError};
 
 /// Which FMU to step, and how.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -37,6 +37,8 @@ pub struct Setup {
     pub sizes: Vec<(String, Literal)>,
     /// Whether it is compiled, if it has no binary for this machine.
     pub compilation: Compilation,
+    /// What is observed of its calls.
+    pub observation: Observation,
 }
 
 /// A request to an FMU. Variables are scalars or elements, by their numbers in [`Names`].
@@ -267,7 +269,9 @@ impl SteppedFmu {
     /// The binary cannot be loaded, or the FMU returns an error.
     pub fn new(setup: &Setup, record: &Record) -> Result<Self> {
         let Names(planned) = Names::open(setup)?;
-        Self::instantiate(planned, 0, setup.start, Messages::recorded(record.clone()))
+        let messages = Messages::recorded(record.clone());
+        let messages = messages.observed_in(&setup.observation, std::slice::from_ref(&planned))?;
+        Self::instantiate(planned, 0, setup.start, messages)
     }
 
     /// Instantiates a component, which has this number among those that are recorded.

@@ -6,8 +6,8 @@ use fmu_master::job::SystemSource;
 use fmu_master::stepped_fmu::Setup;
 use fmu_master::table::Series;
 use fmu_master::{
-    Argument, Compilation, Execution, GivenInput, GivenInputs, Literal, Overrides, Signature,
-    check_factor,
+    Argument, Compilation, Execution, GivenInput, GivenInputs, Literal, Observation, Overrides,
+    Signature, check_factor,
 };
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -104,6 +104,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         input,
         given_inputs,
         execution: Execution { real_time },
+        observation: observation(&arguments)?,
         compilation: Compilation {
             is_wanted: arguments.get("compile")?.unwrap_or_default(),
             cache: None,
@@ -141,7 +142,13 @@ pub fn setup(setup: &Bound<'_, PyDict>) -> PyResult<Setup> {
             is_wanted: arguments.get("compile")?.unwrap_or_default(),
             cache: None,
         },
+        observation: observation(&arguments)?,
     })
+}
+
+fn observation(arguments: &Arguments<'_, '_>) -> PyResult<Observation> {
+    let profile = arguments.get("profile")?.unwrap_or_default();
+    Ok(Observation { trace: arguments.get("trace")?, profile })
 }
 
 /// The names and signatures of functions, of dicts with the keys of [`Signature`].

@@ -144,7 +144,9 @@ fn into_python(
     let messages = match outcome.end {
         None => Vec::new(),
         Some(Ok(completed)) => {
-            let Completed { messages, last, summary, duration, ended, punctuality } = completed;
+            let Completed { messages, last, summary, duration, profile, ended, punctuality } =
+                completed;
+            dict.set_item("profile", profile.as_ref().map(words::profile))?;
             dict.set_item("alarms", Vec::from_iter(summary.sentences()))?;
             dict.set_item("summary", statistics(py, &outcome.columns, &last, &summary)?)?;
             dict.set_item("ended", ended)?;
@@ -337,6 +339,7 @@ fn in_worker(
     kept: &mut Kept,
     host: &Host,
 ) -> Result<Outcome> {
+    let trace = system.overrides.observation.trace.clone();
     let job = Job::Run { system, records: true };
     let mut process = match kept.worker.take() {
         Some((mut worker, session)) => {
@@ -355,6 +358,7 @@ fn in_worker(
         None,
         &Watch {
             keeps_rows: false,
+            trace: trace.as_deref(),
             names_items: true,
             keeps_worker: keeps,
             is_cancelled: &|| host.look(times.get()),
@@ -398,10 +402,14 @@ fn in_worker(
 fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result<Outcome> {
     let functions = kept.functions.clone();
     let compute = move |function, time, inputs: &[Value]| functions.compute(function, time, inputs);
-    let messages = Messages::default();
+    let observation = system.overrides.observation.clone();
     let mut outcome = Outcome::default();
     let mut warn = |text: &str| outcome.warnings.push(text.to_owned());
-    let (plan, starts) = match kept.loaded.plan(system, &compute, &mut warn) {
+    let planned = kept.loaded.plan(system, &compute, &mut warn);
+    let planned = planned.and_then(|(plan, starts)| {
+        Ok((plan, starts, Messages::default().observed(&observation, plan)?))
+    });
+    let (plan, starts, messages) = match planned {
         Ok(planned) => planned,
         Err(error) => {
             outcome.end = Some(Err(RunError::new(error, Vec::new())));

@@ -3,7 +3,9 @@
 use std::collections::HashMap;
 
 use fmu_master::curve::Curve;
-use fmu_master::{Advice, Column, LongestStep, Moment, Note, NoteOptions, Punctuality};
+use fmu_master::{
+    Advice, Column, FunctionTime, LongestStep, Moment, Note, NoteOptions, Profile, Punctuality,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -25,6 +27,20 @@ pub fn advice(advice: &Advice) -> String {
         Advice::Sweep => "`sweep`".to_owned(),
         Advice::AnotherTable => "another `out`".to_owned(),
     }
+}
+
+/// The component and the function, the numbers of calls and of failed ones, and the total, mean and longest time (s).
+type Times = (String, String, [u64; 2], [f64; 3]);
+
+/// The times of each function; then the time of the master, as a component without functions.
+pub fn profile(profile: &Profile) -> Vec<Times> {
+    let functions = profile.functions.iter().map(|times| {
+        let FunctionTime { component, function, calls, failures, total, longest } = times.clone();
+        let [total, mean, longest] = [total, times.mean(), longest].map(|t| t.as_secs_f64());
+        (component, function, [calls, failures], [total, mean, longest])
+    });
+    let (none, master) = (String::new, profile.master().as_secs_f64());
+    functions.chain([(none(), none(), [0; 2], [master, 0.0, 0.0])]).collect()
 }
 
 /// The names of set-points by the names of what follows them.

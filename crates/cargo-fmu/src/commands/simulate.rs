@@ -5,6 +5,7 @@ use std::cell::{OnceCell, RefCell};
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
@@ -13,7 +14,8 @@ use fmu_master::job::{self, Job, SystemSource};
 use fmu_master::run::{self, Ready, RunOutcome, SupervisedRun, Watch};
 use fmu_master::table::{Format, header, is_standard_input, push_line};
 use fmu_master::{
-    Column, Compilation, Computed, Experiment, Literal, Message, Overrides, Row, Statistics,
+    Column, Compilation, Computed, Experiment, FunctionTime, Literal, Message, Observation,
+    Overrides, Profile, Row, Statistics,
 };
 use fmu_worker::RealTimeThread;
 use indicatif::ProgressBar;
@@ -76,12 +78,23 @@ fn results(file: &str) -> Result<PathBuf, &'static str> {
     is_table.then_some(file).ok_or("expected a name that ends in .csv or .parquet")
 }
 
+/// The arguments of `simulate`, of which `run` has no profile, as its profile is one of cargo.
+#[derive(Debug, Args)]
+pub struct ProfiledArgs {
+    #[command(flatten)]
+    simulation: SimulateArgs,
+    /// Print where the time went: to each function of each component, and to the master
+    #[arg(long)]
+    profile: bool,
+}
+
 /// Simulates the system in a worker process and reports the results.
 ///
 /// # Errors
 /// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
-pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
-    supervise(args, &Session::start()?, out)
+pub fn run(mut args: ProfiledArgs, out: &mut impl Write) -> Result<ExitCode> {
+    args.simulation.changes.observation.profile = args.profile;
+    supervise(&args.simulation, &Session::start()?, out)
 }
 
 /// Starts a worker process and reports its results.
@@ -120,6 +133,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
     let (rows, has_page) = (args.csv.as_deref().filter(|_| !is_printed), args.page.file.is_some());
     let watch = Watch {
         keeps_rows: rows.is_some(),
+        trace: args.changes.observation.trace.as_deref(),
         names_items: args.enumerations == Items::Names,
         keeps_worker: false,
         is_cancelled: &|| session.signal().is_some() || printer.borrow().failure.is_some(),
@@ -221,12 +235,14 @@ impl SimulateArgs {
         overrides.execution.real_time = None;
         overrides.sets.retain(|(set, _)| !changes.iter().any(|(name, _)| name == set));
         overrides.sets.extend_from_slice(changes);
+        overrides.observation = Observation::default();
         let mut command = session::worker()?;
         command.stdout(io::stderr());
         let (limits, job) = (self.limited.limits(1)?, self.job_with(overrides));
         let mut worker = job::start(&mut command, session.folder(), limits, &job)?;
         let watch = Watch {
             keeps_rows: false,
+            trace: None,
             names_items: self.enumerations == Items::Names,
             keeps_worker: false,
             is_cancelled: &|| session.signal().is_some(),
@@ -273,7 +289,8 @@ impl SimulateArgs {
         for file in input.chain(over).filter(|file| !is_standard_input(file)) {
             let read = file.canonicalize();
             let read = read.with_context(|| format!("cannot read {}", file.display()))?;
-            let mut written = self.csv.iter().chain(&self.page.file);
+            let trace = &self.changes.observation.trace;
+            let mut written = self.csv.iter().chain(&self.page.file).chain(trace);
             let is_lost = written.any(|file| file.canonicalize().is_ok_and(|file| file == read));
             ensure!(!is_lost, "{} is read, expected another file to write to", file.display());
         }
@@ -365,6 +382,39 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
     let seconds = completed.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
     writeln!(out, "{} s in {milliseconds:.3} ms: {speed}", Experiment::rounded(simulated))?;
+    completed.profile.as_ref().map_or(Ok(()), |profile| print_profile(out, profile))
+}
+
+/// Prints a table with the time of each function and of the master.
+fn print_profile(out: &mut impl Write, profile: &Profile) -> Result<()> {
+    let milliseconds = |time: Duration| format!("{:.3}", time.as_secs_f64() * 1e3);
+    let microseconds = |time: Duration| format!("{:.3}", time.as_secs_f64() * 1e6);
+    let share = |time: Duration| {
+        format!("{:.1} %", 100.0 * time.as_secs_f64() / profile.total.as_secs_f64())
+    };
+    let titles = ["function", "calls", "failed", "total ms", "mean µs", "longest µs", "share"];
+    let mut cells = vec![titles.map(str::to_owned)];
+    cells.extend(profile.functions.iter().map(|times| {
+        let FunctionTime { component, function, calls, failures, total, longest } = times;
+        [
+            format!("{component}: {function}"),
+            calls.to_string(),
+            failures.to_string(),
+            milliseconds(*total),
+            microseconds(times.mean()),
+            microseconds(*longest),
+            share(*total),
+        ]
+    }));
+    let rest = |name: &str, time| {
+        let none = String::new;
+        [name.into(), none(), none(), milliseconds(time), none(), none(), share(time)]
+    };
+    cells.push(rest("master", profile.master()));
+    cells.push(rest("total", profile.total));
+    for line in ui::lines(&cells, false) {
+        writeln!(out, "{line}")?;
+    }
     Ok(())
 }
 

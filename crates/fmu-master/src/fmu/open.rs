@@ -123,6 +123,7 @@ impl Fmu {
                 interface_type,
                 file: binary,
                 library: OnceLock::new(),
+                observed: OnceLock::new(),
                 folder,
                 token: model.token().to_owned(),
                 limits: Limits {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::simulation::Finished;
 use crate::summary::{Summarizer, Summary};
-use crate::{Message, Messages, Plan, Punctuality, Row, RunError, StartValue};
+use crate::{Message, Messages, Plan, Profile, Punctuality, Row, RunError, StartValue};
 
 /// A run that has reached its end, or that an FMU has ended.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -19,6 +19,8 @@ pub struct Completed {
     pub summary: Summary,
     /// The time that the simulation took, without loading and initializing the FMUs.
     pub duration: Duration,
+    /// Where the time went, if that was measured.
+    pub profile: Option<Profile>,
     /// Which FMU has ended the simulation before the stop time, when and why.
     pub ended: Option<String>,
     /// How well the run has kept the time, if it was paced by the clock.
@@ -54,15 +56,16 @@ pub fn simulate(
         })
     });
     let duration = begin.elapsed();
-    match finished {
-        Ok(Finished { messages, last, ended, punctuality }) => {
+    let observed = messages.observers().finish();
+    match finished.and_then(|finished| Ok((finished, observed?))) {
+        Ok((Finished { messages, last, ended, punctuality }, profile)) => {
             // The row of a run that an FMU has ended between two rows.
             if ended.is_some() && left + 1 < plan.output_every {
                 observe(&last);
             }
             let ended = ended.and_then(|ended| ended.early_end());
             let summary = summarizer.summarize();
-            Ok(Completed { messages, last, summary, duration, ended, punctuality })
+            Ok(Completed { messages, last, summary, duration, profile, ended, punctuality })
         }
         Err(error) => Err(RunError::new(error, messages.take())),
     }

@@ -12,12 +12,14 @@ use super::report::{Ready, Report};
 use super::rows::Rows;
 use crate::error::warn_of_calls;
 use crate::function::{Computed, FunctionCall};
-use crate::{Row, RunError};
+use crate::{Row, RunError, trace};
 
 /// What a supervisor does while it waits for a worker.
 pub struct Watch<'a> {
     /// Whether to keep the rows of a run that does not reach its end.
     pub keeps_rows: bool,
+    /// The trace that the worker writes, which is completed if an FMU ends its process.
+    pub trace: Option<&'a Path>,
     /// Whether items of enumerations are written by their names rather than their numbers.
     pub names_items: bool,
     /// Whether the worker is to do other runs after one that has not ended its process.
@@ -96,6 +98,8 @@ pub fn supervise(
             Some(Event::Ended(ended)) => {
                 let components = ready.map(|ready| ready.components).unwrap_or_default();
                 let rows = keep(kept, rows);
+                // The run has failed, whether or not the file can be completed.
+                let _ = watch.trace.map(|file| trace::close(file, &ended.to_string()));
                 return Ok(match cancelled {
                     Some(time) => RunOutcome::Cancelled { time, rows },
                     None => {

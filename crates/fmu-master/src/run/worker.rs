@@ -11,21 +11,25 @@ use serde::Serialize;
 use super::completed::simulate;
 use super::report::{Ready, Report};
 use crate::function::{Computed, FunctionCall};
-use crate::{Messages, Plan, Row, RunError, StartValue, curve};
+use crate::{Messages, Observation, Plan, Row, RunError, StartValue, curve};
 
 /// Does a run, and reports it to the supervisor. `plan` makes the plan and its start values, and may warn; the rows
-/// are only sent if the run `records` them.
+/// are only sent if the run `records` them, and its calls are observed as `observation` says.
 ///
 /// # Errors
 /// The supervisor has sent something else than the permission to begin.
 pub fn serve<P: Borrow<Plan>>(
     service: &mut Service,
-    records: bool,
+    (records, observation): (bool, &Observation),
     plan: impl FnOnce(&mut dyn FnMut(&str)) -> Result<(P, Vec<StartValue>)>,
 ) -> Result<()> {
     let messages = Messages::recorded(service.record().clone());
     let planned = plan(&mut |text| service.reply(&Report::Warning(text.into())));
-    let (plan, starts) = match planned {
+    let planned = planned.and_then(|(plan, starts)| {
+        let messages = messages.observed(observation, plan.borrow())?;
+        Ok((plan, starts, messages))
+    });
+    let (plan, starts, messages) = match planned {
         Ok(planned) => planned,
         Err(error) => {
             service.reply(&Report::Failed(RunError::new(error, Vec::new())));

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .comparison import Comparison, Difference, compare
     from .components import PythonComponent, python_component
     from .instance import Instance, State, Variable
-    from .result import FmuError, Message, Result, read
+    from .result import FmuError, FunctionTime, Message, Result, read
     from .summary import Summary
     from .sweeps import Sweep, sweep
     from .system import System, simulate
@@ -26,6 +26,7 @@ __all__ = [
     "Comparison",
     "Difference",
     "FmuError",
+    "FunctionTime",
     "Instance",
     "Message",
     "PythonComponent",

@@ -73,6 +73,8 @@ class Instance(_native.Instance):
         Its name in errors, by default the name of the file.
     compile
         Compile the FMU if it has C or C++ sources, but no binary for this machine.
+    trace
+        Record each call of the FMU in this file, as JSON Lines, which `cargo fmu replay` repeats.
     in_process
         Run in this process, which adds some tenths of a microsecond to each step, but a crash ends
         Python. By default, the FMU runs in a child process: a step takes some microseconds more,
@@ -103,6 +105,7 @@ class Instance(_native.Instance):
         tolerance: float | None = None,
         name: str | None = None,
         compile: bool = False,
+        trace: str | os.PathLike[str] | None = None,
         in_process: bool = False,
     ):
         setup: dict[str, Any] = {
@@ -111,6 +114,7 @@ class Instance(_native.Instance):
             "start": start_time,
             "tolerance": tolerance,
             "compile": compile,
+            "trace": None if trace is None else Path(trace).absolute(),
         }
         setup |= {"file": Path(filename).absolute(), "sizes": plain_starts(start_values)}
         self.name: str = name or Path(filename).stem

@@ -68,6 +68,25 @@ class Message(NamedTuple):
         return self.level != "info"
 
 
+class FunctionTime(NamedTuple):
+    """The time of all calls of a function of a component."""
+
+    component: str
+    """The name of the component."""
+    function: str
+    """The function of FMI."""
+    calls: int
+    """How often it was called."""
+    failed: int
+    """How many calls returned something else than success."""
+    total: float
+    """The time of all calls [s]."""
+    mean: float
+    """The time of a call on average [s]."""
+    longest: float
+    """The time of the longest call [s]."""
+
+
 class Messages(list[Message]):
     """Log messages of FMUs, which a notebook shows as a table."""
 
@@ -136,6 +155,9 @@ class Result(Mapping[str, np.ndarray]):
         How well the run has kept the time, if `real_time` was given.
     duration : float
         Time that the run took, without loading and initializing the FMUs [s].
+    profile : list of FunctionTime
+        With `profile=True`, where the time went, those functions first that took longest; the last
+        one is the master itself, without names.
     """
 
     def __init__(self, columns: Sequence[tuple[str, str, str, Any]], **about: Any):
@@ -151,6 +173,10 @@ class Result(Mapping[str, np.ndarray]):
         kept = about.get("real_time")
         self.real_time: RealTime | None = RealTime(**kept) if kept else None
         self.duration: float = about.get("duration", 0.0)
+        self.profile = [
+            FunctionTime(*names, *counts, *times)
+            for *names, counts, times in about.get("profile") or ()
+        ]
         self._summary: dict[str, dict[str, float]] | None = about.get("summary")
         self._incomplete: set[str] = set()
         """Columns of a file in which NaN stands for a number that is missing."""

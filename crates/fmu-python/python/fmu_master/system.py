@@ -210,6 +210,8 @@ class System:
         interface: str | None = None,
         compile: bool = False,
         real_time: float | None = None,
+        trace: str | os.PathLike[str] | None = None,
+        profile: bool = False,
         in_process: bool = False,
         progress: bool = False,
         debug_logging: bool = False,
@@ -224,7 +226,7 @@ class System:
             "sequential" or "parallel".
         start_time, stop_time, step_size, output_step, input, output, tolerance, interface, compile
             As for `simulate`, for all components.
-        real_time, in_process, progress, debug_logging
+        real_time, trace, profile, in_process, progress, debug_logging
             As for `simulate`.
 
         Raises
@@ -234,7 +236,9 @@ class System:
         """
         _keys.check({"output": output}, {"output": _keys.TEXTS})
         flags = {"compile": compile, "in_process": in_process, "debug_logging": debug_logging}
+        flags["profile"] = profile
         _keys.check(flags, dict.fromkeys(flags, _keys.FLAG))
+        _keys.check({"trace": trace}, {"trace": _keys.FILE})
         changes: dict[str, Any] = {
             "start": start_time,
             "stop": stop_time,
@@ -246,6 +250,8 @@ class System:
             "interface": interface,
             "compile": compile,
             "real_time": real_time,
+            "profile": profile,
+            "trace": None if trace is None else Path(trace).absolute(),
         }
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
         with contextlib.ExitStack() as stack:
@@ -293,6 +299,8 @@ def simulate(
     interface: str | None = None,
     compile: bool = False,
     real_time: float | None = None,
+    trace: str | os.PathLike[str] | None = None,
+    profile: bool = False,
     in_process: bool = False,
     progress: bool = False,
     debug_logging: bool = False,
@@ -322,6 +330,10 @@ def simulate(
     real_time
         Pace the steps by the clock: 1.0 is real time, 2.0 twice as fast. An `input` that is a pipe
         (FIFO) then gives its rows while the run goes.
+    trace
+        Record each call of the FMUs in this file, as JSON Lines, which `cargo fmu replay` repeats.
+    profile
+        Measure the time of each function of each component, for `Result.profile`.
     in_process
         Run in this process, which saves some milliseconds, but an FMU that crashes ends Python.
     progress
@@ -354,6 +366,8 @@ def simulate(
         interface=interface,
         compile=compile,
         real_time=real_time,
+        trace=trace,
+        profile=profile,
         in_process=in_process,
         progress=progress,
         debug_logging=debug_logging,
