@@ -82,7 +82,7 @@ impl ExportedModel {
         let tolerance =
             if self.tolerance > 0.0 { format!("{:?}", self.tolerance) } else { "1e-6".to_owned() };
         let experiment = Element::new("DefaultExperiment")
-            .with("startTime", 0)
+            .with("startTime", self.start_time)
             .with("stopTime", stop)
             .with("tolerance", tolerance)
             .with("stepSize", step);
@@ -134,7 +134,14 @@ impl XmlWriter<'_> {
             let displays = &mut units[index].1;
             displays.extend(v.display_unit.as_deref().filter(|name| !displays.contains(name)));
         }
-        units.into_iter().map(|(unit, displays)| unit_definition(unit, &displays)).collect()
+        let definition = |(unit, displays): (&str, Vec<&str>)| match self.model.units.get(unit) {
+            Some(base) => Ok(Element::new("Unit")
+                .with("name", unit)
+                .holding_all(base_unit(base))
+                .holding_all(display_units(unit, &displays)?)),
+            None => unit_definition(unit, &displays),
+        };
+        units.into_iter().map(definition).collect()
     }
 
     /// The definitions of enumerations.
@@ -334,9 +341,7 @@ fn sorted(references: &[usize]) -> Vec<usize> {
 }
 
 fn unit_definition(name: &str, displays: &[&str]) -> Result<Element<'static>> {
-    let parse =
-        |name: &str| Unit::parse(name).map_err(|error| anyhow!("the unit {name:?}: {error}"));
-    let unit = parse(name)?;
+    let unit = parse_unit(name)?;
     let base = unit::BASE
         .into_iter()
         .zip(unit.exponents)
@@ -344,13 +349,30 @@ fn unit_definition(name: &str, displays: &[&str]) -> Result<Element<'static>> {
         .fold(Element::new("BaseUnit"), |base, (name, exponent)| base.with(name, exponent))
         .with_some("factor", (unit.factor != 1.0).then_some(unit.factor))
         .with_some("offset", (unit.offset != 0.0).then_some(unit.offset));
+    let displays = display_units(name, displays)?;
+    Ok(Element::new("Unit").with("name", name).holding(base).holding_all(displays))
+}
+
+fn parse_unit(name: &str) -> Result<Unit> {
+    Unit::parse(name).map_err(|error| anyhow!("the unit {name:?}: {error}"))
+}
+
+/// The units to display values in.
+fn display_units(name: &str, displays: &[&str]) -> Result<Vec<Element<'static>>> {
     let display = |display: &&str| {
-        let conversion = unit.conversion_to(&parse(display)?);
+        let conversion = parse_unit(name)?.conversion_to(&parse_unit(display)?);
         let (factor, offset) = conversion
             .with_context(|| format!("{display:?} cannot display a value in {name:?}"))?;
         let element = Element::new("DisplayUnit").with("name", display).with("factor", factor);
         Ok(element.with_some("offset", (offset != 0.0).then_some(offset)))
     };
-    let displays = displays.iter().map(display).collect::<Result<Vec<_>>>()?;
-    Ok(Element::new("Unit").with("name", name).holding(base).holding_all(displays))
+    displays.iter().map(display).collect()
+}
+
+/// The definition of a unit that an FMU has, if there is one.
+fn base_unit(parts: &[(String, f64)]) -> Option<Element<'static>> {
+    let value = |name| parts.iter().find(|(known, _)| known == name).map(|(_, value)| value);
+    let exponents = unit::BASE.into_iter().chain(["factor", "offset"]);
+    let base = exponents.fold(Element::new("BaseUnit"), |b, name| b.with_some(name, value(name)));
+    (!parts.is_empty()).then_some(base)
 }

@@ -1,6 +1,6 @@
 //! The interface of an exported model, as it is read from its binary.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use anyhow::{Result, bail};
 use serde::Deserialize;
@@ -42,7 +42,16 @@ pub struct ExportedModel {
     pub time: usize,
     /// GUID of the interface.
     pub guid: String,
-    /// The only interface type to export, if not all that the model has. It is no part of the copy in a binary.
+    /// Start time of the default experiment (s). It is no part of the copy in a binary, as those below.
+    #[serde(skip)]
+    pub start_time: f64,
+    /// Whether all communication steps have the step size of the default experiment, or are multiples of it.
+    #[serde(skip)]
+    pub has_fixed_step: bool,
+    /// The definitions of units that FMUs define, in base units: exponents, factor and offset; none if it is unknown.
+    #[serde(skip)]
+    pub units: BTreeMap<String, Vec<(String, f64)>>,
+    /// The only interface type to export, if not all that the model has.
     #[serde(skip)]
     pub interface_type: Option<InterfaceType>,
 }

@@ -156,7 +156,7 @@ pub(crate) fn interfaces(
     let mut inputs = model.variables.iter().filter(is_continuous_input).peekable();
     let interpolates = inputs.peek().is_some() && inputs.all(|v| v.exported.has_input_derivative);
     let co_simulation = interface("CoSimulation")
-        .with("canHandleVariableCommunicationStepSize", true)
+        .with("canHandleVariableCommunicationStepSize", !model.has_fixed_step)
         .with("canInterpolateInputs", interpolates)
         .with("maxOutputDerivativeOrder", model.max_output_derivative_order())
         .with("canRunAsynchronuously", false);

@@ -59,7 +59,7 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
     };
     let exchange = interface("ModelExchange").with("needsCompletedIntegratorStep", false);
     let co_simulation = interface("CoSimulation")
-        .with("canHandleVariableCommunicationStepSize", true)
+        .with("canHandleVariableCommunicationStepSize", !model.has_fixed_step)
         .with("maxOutputDerivativeOrder", model.max_output_derivative_order())
         .with("providesIntermediateUpdate", model.is_continuous)
         .with("canReturnEarlyAfterIntermediateUpdate", model.is_continuous)

@@ -34,6 +34,7 @@ mod fmi3;
 pub mod hash;
 #[cfg(feature = "table")]
 pub mod interface;
+pub mod location;
 #[cfg(feature = "xml")]
 pub mod model;
 mod naming;

@@ -11,6 +11,7 @@ use fmu_description::Value;
 use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
+use crate::container::Expose;
 use crate::fault::{Amount, Fault};
 use crate::function::Computed;
 use crate::given_inputs::GivenInputs;
@@ -58,6 +59,12 @@ pub struct Description {
     /// How a run is executed.
     #[serde(skip)]
     pub execution: Execution,
+    /// What a container of the system exposes.
+    #[serde(default)]
+    pub expose: Expose,
+    /// Whether it is in a container, whose host sets the inputs that nothing else feeds.
+    #[serde(skip)]
+    pub is_in_container: bool,
     /// Values of inputs over time, if there is no file.
     #[serde(skip)]
     pub given_inputs: Option<GivenInputs>,

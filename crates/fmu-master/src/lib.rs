@@ -44,6 +44,7 @@ mod component_instance;
 mod component_state;
 mod components;
 mod connections;
+pub mod container;
 pub mod curve;
 mod cycle;
 mod declarations;

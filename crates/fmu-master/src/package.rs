@@ -13,7 +13,7 @@ use crate::note::Advice;
 pub(crate) const STRUCTURE_FILE: &str = "SystemStructure.ssd";
 
 /// Where a system comes from if not from a TOML file.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct SystemOrigin {
     /// What was left out, such as parameters without a variable.
     pub warnings: Vec<String>,

@@ -8,6 +8,7 @@ use fmu_description::{Causality, Type, Variable};
 
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
+use crate::container::expose;
 use crate::input_table::InputTable;
 use crate::live_input::{self, LiveInput};
 use crate::note::Note;
@@ -35,6 +36,8 @@ pub struct Plan {
     pub(crate) input: Option<InputTable>,
     /// The rows of the input table, if they arrive while the run goes.
     pub(crate) live: Option<LiveInput>,
+    /// The inputs that a host sets, if the system is in a container.
+    pub(crate) host_inputs: Vec<ScalarId>,
     pub(crate) wiring: Wiring,
     /// The variables of the columns.
     pub(crate) recorded: Vec<ScalarId>,
@@ -86,6 +89,10 @@ impl Plan {
             (None, Some(file)) => Some(InputTable::read(file, &components, &connections)?),
             (None, None) => None,
         };
+        let host_inputs = match description.is_in_container {
+            true => expose::inputs(&description.expose, &components, &connections, input.as_ref())?,
+            false => Vec::new(),
+        };
         let (recorded, names): (Vec<_>, Vec<_>) =
             recorded(&components, &description.outputs)?.into_iter().unzip();
         let bounds = |id: &ScalarId| {
@@ -101,7 +108,14 @@ impl Plan {
         Ok(Self {
             execution: description.execution.clone(),
             order: description.order,
-            wiring: Wiring::new(description, &components, &connections, input.as_ref(), &recorded),
+            wiring: Wiring::new(
+                description,
+                &components,
+                &connections,
+                input.as_ref(),
+                &host_inputs,
+                &recorded,
+            ),
             columns: recorded.iter().zip(names).map(column).collect(),
             notes: notes(&components, &recorded).into_iter().chain(experiment.note()?).collect(),
             bounds: recorded.iter().map(bounds).collect(),
@@ -110,6 +124,7 @@ impl Plan {
             output_every,
             input,
             live,
+            host_inputs,
             components,
             connections,
         })

@@ -1,6 +1,7 @@
 //! One run of a system.
 
 mod advance;
+mod hosted;
 mod paced;
 mod row;
 mod saved;
@@ -59,16 +60,37 @@ impl Plan {
     /// # Errors
     /// An FMU returns an error; its message is included.
     pub fn simulate(&self, starts: &[StartValue], messages: &Messages) -> Result<Simulation<'_>> {
+        let starts = self.all_starts(starts)?;
+        let mut simulation = self.instantiate(&starts, messages)?;
+        simulation.ended = match simulation.initialize(&starts) {
+            Err(failure) if failure.ended.is_none() => bail!(*failure),
+            initialized => initialized.err(),
+        };
+        Ok(simulation)
+    }
+
+    /// The start values of all components in a run.
+    pub(crate) fn all_starts<'a>(
+        &'a self,
+        replaced: &'a [StartValue],
+    ) -> Result<Vec<ComponentStarts<'a>>> {
+        (0..self.components.len()).map(|index| self.starts(index, replaced)).collect()
+    }
+
+    /// Creates the instances of a run.
+    pub(crate) fn instantiate(
+        &self,
+        starts: &[ComponentStarts<'_>],
+        messages: &Messages,
+    ) -> Result<Simulation<'_>> {
         messages.record().at(f64::NAN);
         messages.record().step(self.experiment.step);
-        let starts = (0..self.components.len()).map(|index| self.starts(index, starts));
-        let starts = starts.collect::<Result<Vec<_>>>()?;
         let groups = self.components.iter().zip(&self.wiring.groups);
         let components =
-            groups.zip(&starts).enumerate().map(|(index, ((component, groups), starts))| {
+            groups.zip(starts).enumerate().map(|(index, ((component, groups), starts))| {
                 ComponentInstance::new(index, component, groups, starts, messages)
             });
-        let mut simulation = Simulation {
+        Ok(Simulation {
             plan: self,
             components: components.collect::<Result<_>>()?,
             outputs: Store::new(self.wiring.counts),
@@ -78,33 +100,43 @@ impl Plan {
             messages: messages.clone(),
             pace: None,
             ended: None,
-        };
-        simulation.ended = match simulation.initialize(&starts) {
-            Err(failure) if failure.ended.is_none() => bail!(*failure),
-            initialized => initialized.err(),
-        };
-        Ok(simulation)
+        })
     }
 }
 
 impl Simulation<'_> {
     /// Initializes with the calls of FMPy, in its order.
     fn initialize(&mut self, starts: &[ComponentStarts<'_>]) -> CallResult {
-        let plan = self.plan;
-        let start = plan.experiment.start;
+        self.enter_initialization(starts, true)?;
+        self.exit_initialization(starts)
+    }
+
+    /// Sets up the components, with the stop time of the experiment if it `has_stop`, and passes initial outputs to
+    /// inputs.
+    fn enter_initialization(
+        &mut self,
+        starts: &[ComponentStarts<'_>],
+        has_stop: bool,
+    ) -> CallResult {
+        let (plan, start) = (self.plan, self.plan.experiment.start);
         self.messages.record().at(start);
         self.begin_inputs(starts);
         self.feed(start)?;
         for (index, component) in self.components.iter_mut().enumerate() {
             let tolerance = plan.components[index].tolerance;
-            component.set_up((start, Some(plan.end_of(index))), tolerance, &starts[index])?;
+            let stop = has_stop.then(|| plan.end_of(index));
+            component.set_up((start, stop), tolerance, &starts[index])?;
         }
         let entered =
             self.components.iter_mut().try_for_each(ComponentInstance::enter_initialization);
         let propagated = entered.and_then(|()| self.propagate());
-        let exited = propagated.and_then(|()| {
-            self.components.iter_mut().try_for_each(ComponentInstance::exit_initialization)
-        });
+        propagated.map_err(|failure| failure.at(start))
+    }
+
+    fn exit_initialization(&mut self, starts: &[ComponentStarts<'_>]) -> CallResult {
+        let (plan, start) = (self.plan, self.plan.experiment.start);
+        let exited =
+            self.components.iter_mut().try_for_each(ComponentInstance::exit_initialization);
         let begun = exited.and_then(|()| {
             let components = self.components.iter_mut().zip(&*plan.components);
             components.enumerate().try_for_each(|(index, (component, loaded))| {

@@ -44,6 +44,8 @@ pub(crate) struct Wiring {
     pub(crate) faulty_connections: Vec<Vec<FaultyConnection>>,
     /// The places in the store of the columns of the input table.
     pub(crate) table_places: Vec<Place>,
+    /// The places in the store of the inputs that a host sets.
+    pub(crate) host_places: Vec<Place>,
     /// Whether every value that is transferred at a step is a Float64 that is not changed on its way.
     pub(crate) is_plain: bool,
 }
@@ -72,7 +74,8 @@ pub(crate) struct VariableGroup {
 
 /// The source of the value of an input.
 pub(crate) struct InputSource {
-    /// The component of the output; `None` for a column of the input table.
+    /// The component of the output; `None` for a column of the input table, and for an input that a host
+    /// sets.
     pub(crate) component: Option<usize>,
     /// The place in the store of the output, the column, or the value that a connection with faults delivers.
     pub(crate) place: Place,
@@ -175,6 +178,7 @@ impl Wiring {
         components: &[LoadedComponent],
         connections: &[ResolvedConnection],
         input: Option<&InputTable>,
+        host_inputs: &[ScalarId],
         recorded: &[ScalarId],
     ) -> Self {
         let reals = |component: &LoadedComponent| {
@@ -236,14 +240,16 @@ impl Wiring {
             feeding.outputs.push(from.fmu(components), from.scalar);
             feeding.places.push(place);
         }
-        let mut table_places = Vec::new();
-        for id in input.iter().flat_map(|input| &input.inputs).map(|column| column.to) {
+        let mut feed = |id: ScalarId| {
             let group = VariableGroup::entry(&mut groups, components, id);
             let place = Place::next(group.access_type, &mut counts);
-            table_places.push(place);
             group.inputs.push(id.fmu(components), id.scalar);
             group.sources.push(InputSource { component: None, place, conversion: None });
-        }
+            place
+        };
+        let table = input.iter().flat_map(|input| &input.inputs).map(|column| column.to);
+        let table_places = table.map(&mut feed).collect();
+        let host_places = host_inputs.iter().copied().map(feed).collect();
         groups.iter_mut().for_each(|groups| groups[0].find_direct_values());
         let is_plain = input.is_none()
             && faulty_connections.iter().all(Vec::is_empty)
@@ -258,6 +264,7 @@ impl Wiring {
             recorded_after,
             faulty_connections,
             table_places,
+            host_places,
             is_plain,
         }
     }

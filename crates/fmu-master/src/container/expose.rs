@@ -1,0 +1,102 @@
+//! What a container exposes of a system: the table `expose` of a system file.
+
+use std::collections::{BTreeMap, HashSet};
+
+use anyhow::{Result, bail, ensure};
+use fmu_description::{Causality, Variability};
+use serde::Deserialize;
+
+use crate::Fmu;
+use crate::components::{Components, ScalarId};
+use crate::connections::ResolvedConnection;
+use crate::input_table::InputTable;
+
+/// The variables that a container exposes, by their names in the system, `component.variable`.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Expose {
+    /// Inputs; by default all that neither a connection nor the input file feeds.
+    pub inputs: Option<Vec<String>>,
+    /// Outputs, and other variables to read; by default those that the system records.
+    #[serde(default)]
+    pub outputs: Vec<String>,
+    /// Parameters; by default all.
+    pub parameters: Option<Vec<String>>,
+    /// Other names in the container.
+    #[serde(default)]
+    pub names: BTreeMap<String, String>,
+}
+
+/// The inputs that the host of a container sets.
+///
+/// # Errors
+/// One is unknown, or is fed by something else.
+pub(crate) fn inputs(
+    expose: &Expose,
+    components: &Components,
+    connections: &[ResolvedConnection],
+    input: Option<&InputTable>,
+) -> Result<Vec<ScalarId>> {
+    let connected: HashSet<_> = connections.iter().map(|connection| connection.to).collect();
+    let of_table: HashSet<_> = input.iter().flat_map(|input| input.scalars()).collect();
+    let refusal = |id: &ScalarId| {
+        let variable = id.variable(components);
+        match variable.causality {
+            _ if connected.contains(id) => Some("it is connected"),
+            _ if of_table.contains(id) => Some("the table of inputs has a column for it"),
+            Causality::Input => id.fmu(components).unusable(id.scalar),
+            _ => Some("it is not an input"),
+        }
+    };
+    match &expose.inputs {
+        None => Ok(components.scalars().filter(|id| refusal(id).is_none()).collect()),
+        Some(names) => chosen("inputs", names, components, refusal),
+    }
+}
+
+/// The parameters that the host of a container sets.
+///
+/// # Errors
+/// One is unknown, or is not a parameter.
+pub(super) fn parameters(expose: &Expose, components: &Components) -> Result<Vec<ScalarId>> {
+    let refusal = |id: &ScalarId| {
+        let (fmu, variable) = (id.fmu(components), id.variable(components));
+        match variable.causality {
+            Causality::Parameter if variable.variability == Variability::Constant => {
+                Some("it is constant")
+            }
+            Causality::Parameter => fmu.unusable(id.scalar),
+            Causality::StructuralParameter => {
+                Some("it is the size of arrays, which a container cannot change")
+            }
+            _ => Some("it is not a parameter"),
+        }
+    };
+    match &expose.parameters {
+        None => Ok(components.scalars().filter(|id| refusal(id).is_none()).collect()),
+        Some(names) => chosen("parameters", names, components, refusal),
+    }
+}
+
+/// The variables with these names, of arrays all elements.
+fn chosen(
+    key: &str,
+    names: &[String],
+    components: &Components,
+    refusal: impl Fn(&ScalarId) -> Option<&'static str>,
+) -> Result<Vec<ScalarId>> {
+    let (mut ids, mut known) = (Vec::new(), HashSet::new());
+    for name in names {
+        let found = components.lookup(name, Fmu::scalars_of);
+        let (component, scalars) = found.map_err(|error| error.context(format!("expose.{key}")))?;
+        for scalar in scalars {
+            let id = ScalarId { component, scalar };
+            if let Some(reason) = refusal(&id) {
+                bail!("expose.{key}: {name} cannot be exposed: {reason}");
+            }
+            ensure!(known.insert(id), "expose.{key}: {name} is exposed twice");
+            ids.push(id);
+        }
+    }
+    Ok(ids)
+}
