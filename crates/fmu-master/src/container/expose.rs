@@ -58,10 +58,16 @@ pub(crate) fn inputs(
 ///
 /// # Errors
 /// One is unknown, or is not a parameter.
-pub(super) fn parameters(expose: &Expose, components: &Components) -> Result<Vec<ScalarId>> {
+pub(super) fn parameters(
+    expose: &Expose,
+    components: &Components,
+    input: Option<&InputTable>,
+) -> Result<Vec<ScalarId>> {
+    let of_table: HashSet<_> = input.iter().flat_map(|input| input.scalars()).collect();
     let refusal = |id: &ScalarId| {
         let (fmu, variable) = (id.fmu(components), id.variable(components));
         match variable.causality {
+            _ if of_table.contains(id) => Some("the table of inputs has a column for it"),
             Causality::Parameter if variable.variability == Variability::Constant => {
                 Some("it is constant")
             }

@@ -57,7 +57,7 @@ impl Interface {
         let components = &plan.components;
         let inputs = plan.host_inputs.iter().zip(&plan.wiring.host_places);
         let inputs = inputs.map(|(id, place)| (*id, Source::Input(*place), None));
-        let parameters = expose::parameters(&description.expose, components)?;
+        let parameters = expose::parameters(&description.expose, components, plan.input.as_ref())?;
         let is_set: HashSet<_> = plan.host_inputs.iter().chain(&parameters).copied().collect();
         let columns = plan.columns.iter().zip(Row::places(&plan.columns));
         let outputs = plan.recorded.iter().zip(columns);
