@@ -109,6 +109,7 @@ pub const MODEL: (&str, &[KnownOption]) = (
         ("continuous", flag),
         ("single_instance", flag),
         ("step", expression),
+        ("solver", solver),
         ("stop_time", expression),
         ("step_size", expression),
         ("tolerance", expression),
@@ -377,6 +378,18 @@ fn naming(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
         None => {
             let what = format!("{:?} is no naming convention", name.value());
             error(name, format!("{what}; expected \"flat\" or \"structured\""))
+        }
+    }
+}
+
+/// The method by which equations are integrated.
+fn solver(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    let name: LitStr = meta.value()?.parse()?;
+    match &*name.value() {
+        "explicit" | "implicit" => Ok(OptionValue::Text(name)),
+        other => {
+            let what = format!("{other:?} is no solver; expected \"explicit\" or \"implicit\"");
+            error(name, what)
         }
     }
 }

@@ -41,6 +41,12 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
         let what = "only a continuous model names its step; expected `fn step` in `impl Simulate`";
         return error(step, what);
     }
+    if let (Some(solver), false) = (options.text("solver"), options.has("continuous")) {
+        return error(
+            solver,
+            "only a continuous model is integrated; expected `continuous` as well",
+        );
+    }
     let logs: Vec<_> = fields.iter().filter(|field| field.role == Role::Log).collect();
     check_logs(&logs)?;
     let fixed: Vec<_> = fields.iter().flat_map(Field::fixed_references).collect();
@@ -146,6 +152,7 @@ fn model(
     let is_continuous = continuous.is_some();
     let step = options.expression("step");
     let is_integrated = is_continuous && step.is_none();
+    let is_implicit = options.text("solver").is_some_and(|solver| solver.value() == "implicit");
     let number = |option, default| {
         let given = options.expression(option).filter(|_| !is_stub);
         given.map_or(default, |given| given.positive(option, &quote!(#krate::derive)))
@@ -272,6 +279,7 @@ fn model(
             const RATES: usize = #count;
             const IS_CONTINUOUS: bool = #is_continuous;
             const IS_INTEGRATED: bool = #is_integrated;
+            const IS_IMPLICIT: bool = #is_implicit;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
             const TOLERANCE: f64 = #tolerance;
             const HAS_LOG: bool = #has_log;

@@ -40,6 +40,10 @@ pub(crate) trait AnyModel: Any {
     fn check_outputs(&mut self) -> Result<(), ModelError>;
     /// A hash of the variables that cause an event by a new value, if the model is integrated and has any; else 0.
     fn hash_of_switches(&mut self) -> u128;
+    /// The memory for steps of the integration.
+    fn workspace(&self) -> Workspace
+    where
+        Self: Sized;
     /// Integrates the equations over a step.
     fn integrate(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
     /// The functions that the author has written.
@@ -204,6 +208,26 @@ impl dyn AnyModel {
             return;
         }
         values.iter_mut().zip(self.vector(which)).for_each(|(value, number)| *value = *number);
+    }
+
+    /// Multiplies the derivatives of the states' derivatives with respect to the states by a direction of the states.
+    pub(crate) fn multiply_jacobian(&self, direction: &[f64], products: &mut [f64]) {
+        let info = self.info();
+        let numbers = |reference: fn(&ContinuousState) -> u32| {
+            let elements = move |state: &ContinuousState| {
+                let first = reference(state);
+                (0..state.count as u32).map(move |element| info.number(first + element))
+            };
+            info.states.iter().flat_map(elements)
+        };
+        for (product, unknown) in products.iter_mut().zip(numbers(|state| state.derivative)) {
+            let columns = direction.iter().zip(numbers(|state| state.state));
+            let terms = columns.filter(|(change, _)| **change != 0.0).map(|(change, known)| {
+                let numbers = unknown.zip(known);
+                change * numbers.map_or(0.0, |(unknown, known)| self.derivative(unknown, known))
+            });
+            *product = terms.sum();
+        }
     }
 
     /// The nominal value of a state.

@@ -135,10 +135,12 @@ get_vectors! {
     get_nominals_of_continuous_states: Nominals;
 }
 
-/// The equations of a model, as the solver sees them.
-pub(crate) struct ModelEquations<'a>(pub(crate) &'a mut (dyn AnyModel + 'static));
+/// The equations of a model, as the solver sees them; the Jacobian is for an `IMPLICIT` method.
+pub(crate) struct ModelEquations<'a, const IMPLICIT: bool>(
+    pub(crate) &'a mut (dyn AnyModel + 'static),
+);
 
-impl solver::OdeSystem for ModelEquations<'_> {
+impl<const IMPLICIT: bool> solver::OdeSystem for ModelEquations<'_, IMPLICIT> {
     type Error = ModelError;
 
     fn nominal(&self, state: usize) -> f64 {
@@ -158,6 +160,18 @@ impl solver::OdeSystem for ModelEquations<'_> {
 
     fn derivatives(&mut self, derivatives: &mut [f64]) {
         self.0.read_vector(SolverVector::Derivatives, derivatives);
+    }
+
+    fn directional_derivative(
+        &mut self,
+        direction: &[f64],
+        product: &mut [f64],
+    ) -> Result<bool, ModelError> {
+        let is_known = IMPLICIT && self.0.info().has_directional_derivatives;
+        if is_known {
+            self.0.multiply_jacobian(direction, product);
+        }
+        Ok(is_known)
     }
 
     fn event_indicator(&mut self, indicator: usize) -> f64 {

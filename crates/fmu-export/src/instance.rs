@@ -13,7 +13,7 @@ use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{LogCategory, Naming, Number, Variability};
 use ode_methods::solver::Workspace;
 
-use crate::any_model::{AnyModel, SolverVector, VariantStarts};
+use crate::any_model::{AnyModel, VariantStarts};
 use crate::clock::RateClocks;
 use crate::error::{ModelError, Severity, ensure};
 use crate::layout::ModelInfo;
@@ -158,10 +158,7 @@ impl<M: AnyModel> Instance<M> {
         let is_eventful =
             info.is_continuous && settings.instance_type == InstanceType::CoSimulationWithEvents;
         let workspace = match info.is_integrated || is_eventful {
-            true => {
-                let length = |vector| (&model as &dyn AnyModel).vector_length(vector);
-                Workspace::new(length(SolverVector::States), length(SolverVector::EventIndicators))
-            }
+            true => model.workspace(),
             false => Workspace::default(),
         };
         Self {

@@ -6,9 +6,9 @@ use fmu_description::table::Declaration;
 use fmu_description::{
     Causality, Naming, StateError, StateReader, StateWriter, references, scalar,
 };
-use ode_methods::solver::{self, Advanced, DormandPrince, Step, Workspace};
+use ode_methods::solver::{self, Advanced, DormandPrince, Rodas5p, Step, Workspace};
 
-use crate::any_model::{AnyModel, VariantStarts};
+use crate::any_model::{AnyModel, SolverVector, VariantStarts};
 use crate::deprecated;
 use crate::equations::ModelEquations;
 use crate::error::ModelError;
@@ -172,13 +172,27 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
         }
     }
 
+    fn workspace(&self) -> Workspace {
+        let length = |vector| (self as &dyn AnyModel).vector_length(vector);
+        let counts = (length(SolverVector::States), length(SolverVector::EventIndicators));
+        match M::IS_IMPLICIT {
+            true => Workspace::implicit(counts.0, counts.1, None),
+            false => Workspace::new(counts.0, counts.1),
+        }
+    }
+
     fn integrate(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {
         // The solver takes the steps of models without steps of their own. In event mode, which FMI 3.0 has, it takes the
         // steps of all models with equations. Other libraries do not contain the solver.
         const HAS_EVENT_MODE: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));
         const HAS_STEPS: bool = InstanceType::HAS_CO_SIMULATION;
         match HAS_STEPS && (M::IS_INTEGRATED || M::IS_CONTINUOUS && HAS_EVENT_MODE) {
-            true => solver::advance::<DormandPrince, _>(&mut ModelEquations(self), with, step),
+            true if M::IS_IMPLICIT => {
+                solver::advance::<Rodas5p, _>(&mut ModelEquations::<true>(self), with, step)
+            }
+            true => {
+                solver::advance::<DormandPrince, _>(&mut ModelEquations::<false>(self), with, step)
+            }
             false => Err(ModelError::refuse("the model has no equations")),
         }
     }

@@ -35,6 +35,8 @@ pub trait Model: Variables + Behavior {
     const IS_CONTINUOUS: bool = false;
     /// Whether its equations are integrated in co-simulation: it has no step of its own.
     const IS_INTEGRATED: bool = false;
+    /// Whether they are integrated by the implicit method.
+    const IS_IMPLICIT: bool = false;
     /// Whether a process can have one instance only.
     const IS_SINGLE_INSTANCE: bool = false;
     /// Whether it has a [`Log`] without a category of its own.
@@ -234,7 +236,7 @@ pub trait MultiRate: Rated {
 ///
 /// Its states are the variables with the option `state`, their derivatives the fields with
 /// `#[derivative(of = ...)]`. In model exchange, the host integrates the states. In co-simulation, the
-/// layer does, by a Runge-Kutta method of order 5 with error control, which finds events within a step and
+/// layer does, by an explicit or implicit method of order 5 with error control, which finds events within a step and
 /// keeps inputs constant; or the function in `#[model(continuous, step = Self::step)]`, which also handles
 /// the events within a step, and at its beginning those that inputs cause.
 #[diagnostic::on_unimplemented(

@@ -3,8 +3,11 @@
 #[cfg(not(feature = "fmi2"))]
 use fmi_abi::fmi3::fmi3IntermediateUpdateCallback;
 
+use ode_methods::solver::Workspace;
+
 use crate::fast::HostedInstance;
 use crate::laid_out::LaidOut;
+use crate::layout::ContinuousState;
 #[cfg(not(feature = "fmi2"))]
 use crate::lifecycle::InstanceType;
 use crate::model::Model;
@@ -39,6 +42,10 @@ impl Needs {
         const VECTORS: usize = 16;
         let info = &LaidOut::<M, N>::INFO;
         let solved = info.states.len() + info.event_indicators.len();
+        let implicit = match M::IS_IMPLICIT {
+            true => Workspace::implicit_size(scalars_in(info.states)),
+            false => 0,
+        };
         let arguments = AT_HAND + info.end as usize * (size_of::<u32>() + size_of::<f64>());
         Self {
             name: M::NAME,
@@ -47,7 +54,8 @@ impl Needs {
             heap: SMALL
                 + arguments
                 + COPIES * size_of::<HostedInstance<LaidOut<M, N>>>()
-                + VECTORS * solved * size_of::<f64>(),
+                + VECTORS * solved * size_of::<f64>()
+                + implicit,
             #[cfg(not(feature = "fmi2"))]
             intermediate_update: match InstanceType::HAS_CO_SIMULATION && M::IS_CONTINUOUS {
                 true => Some(call_back),
@@ -61,6 +69,14 @@ impl Needs {
         if let Some(model) = model {
             self.is_asked_for = is_same(self.name.as_bytes(), model.as_bytes());
         }
+    }
+}
+
+/// The number of continuous states.
+const fn scalars_in(states: &[ContinuousState]) -> usize {
+    match states {
+        [] => 0,
+        [first, rest @ ..] => first.count + scalars_in(rest),
     }
 }
 

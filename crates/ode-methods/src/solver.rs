@@ -12,6 +12,7 @@ mod lu;
 use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;
+use core::any::Any;
 use core::fmt::Arguments;
 use core::marker::PhantomData;
 
@@ -36,6 +37,10 @@ const RESTART: f64 = 1e4;
 pub trait SolverError: Sized {
     /// The step cannot be computed: it takes too many internal steps or events, or too short ones.
     fn discard(reason: Arguments<'_>) -> Self;
+    /// The step takes too many internal steps of an explicit method, perhaps because the equations are stiff.
+    fn too_many_steps(reason: Arguments<'_>) -> Self {
+        Self::discard(reason)
+    }
     /// Whether shorter internal steps may succeed.
     fn is_discarded(&self) -> bool;
     /// The same error with a message that begins by saying where it happened.
@@ -141,7 +146,7 @@ pub struct Advanced {
 }
 
 /// The memory for a step.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub struct Workspace {
     /// The states at the start of an internal step.
     states: Vec<f64>,
@@ -153,8 +158,23 @@ pub struct Workspace {
     slopes: [Vec<f64>; STAGES],
     /// Whether each event indicator is positive at the start of an internal step, or before an event.
     signs: Vec<bool>,
-    /// What an implicit method needs besides.
-    linearization: Option<Box<Linearization>>,
+    /// What a method needs besides, whose type programs without the method need not know.
+    more: Option<Box<dyn Any + Send + Sync>>,
+}
+
+impl Clone for Workspace {
+    fn clone(&self) -> Self {
+        let Self { states, next, point, slopes, signs, more } = self;
+        let linearization = more.as_ref().and_then(|more| more.downcast_ref::<Linearization>());
+        Self {
+            states: states.clone(),
+            next: next.clone(),
+            point: point.clone(),
+            slopes: slopes.clone(),
+            signs: signs.clone(),
+            more: linearization.map(|of_method| Box::new(of_method.clone()) as _),
+        }
+    }
 }
 
 impl Workspace {
@@ -167,20 +187,28 @@ impl Workspace {
             point: zeros(),
             slopes: core::array::from_fn(|_| zeros()),
             signs: vec![false; indicators],
-            linearization: None,
+            more: None,
         }
     }
 
     /// The same for an implicit method. `dependencies` has the states on which each derivative depends; without, each
     /// depends on all. Two matrices have the square of the number of states as elements.
     pub fn implicit(states: usize, indicators: usize, dependencies: Option<&[Vec<usize>]>) -> Self {
-        let linearization = Some(Box::new(Linearization::new(states, dependencies)));
-        Self { linearization, ..Self::new(states, indicators) }
+        let linearization = Box::new(Linearization::new(states, dependencies));
+        Self { more: Some(linearization), ..Self::new(states, indicators) }
+    }
+
+    /// The bytes that this memory has besides, without what an allocator adds.
+    pub const fn implicit_size(states: usize) -> usize {
+        let vectors = crate::rodas5p::STAGES + 3;
+        size_of::<Linearization>() + (2 * states + vectors) * states * size_of::<f64>()
     }
 }
 
 /// A one-step method that estimates the error of a step, and interpolates within it.
 pub trait Method: Sized {
+    /// Whether it is for stiff equations.
+    const IS_IMPLICIT: bool;
     /// Takes an internal step of size `h` that ends at `to`: the states and their derivatives at its end.
     ///
     /// # Errors
@@ -386,9 +414,12 @@ impl<'a, E: SolverError, M: Method> IntegrationRun<'a, E, M> {
         loop {
             self.steps += 1;
             if self.steps > MAX_STEPS {
-                return Err(self.discard(format_args!(
-                    "it takes more than {MAX_STEPS} internal steps to get further"
-                )));
+                let reason =
+                    format_args!("it takes more than {MAX_STEPS} internal steps to get further");
+                return Err(match M::IS_IMPLICIT {
+                    true => self.discard(reason),
+                    false => self.stopped(E::too_many_steps(reason)),
+                });
             }
             // The last step is a little longer, so that none remains that is very short.
             let is_last = 1.01 * self.longest() >= remaining;

@@ -8,6 +8,8 @@ use crate::dormand_prince::{ERROR, MAX_SHRINKAGE, NODES, WEIGHTS, interpolate, w
 pub struct DormandPrince;
 
 impl Method for DormandPrince {
+    const IS_IMPLICIT: bool = false;
+
     fn try_step<E: SolverError>(
         run: &mut IntegrationRun<'_, E, Self>,
         h: f64,

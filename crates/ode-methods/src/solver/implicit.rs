@@ -14,25 +14,27 @@ use crate::rodas5p::{
 pub struct Rodas5p;
 
 impl Method for Rodas5p {
+    const IS_IMPLICIT: bool = true;
+
     fn try_step<E: SolverError>(
         run: &mut IntegrationRun<'_, E, Self>,
         h: f64,
         to: f64,
     ) -> Result<Trial<E>, E> {
         let states = run.w.states.len();
-        let linearization = run.w.linearization.take();
-        let mut linearization =
-            linearization.unwrap_or_else(|| Box::new(Linearization::new(states, None)));
+        let known = run.w.more.take().and_then(|more| more.downcast::<Linearization>().ok());
+        let mut linearization = known.unwrap_or_else(|| Box::new(Linearization::new(states, None)));
         let tried = run.try_stages(&mut linearization, h, to);
-        run.w.linearization = Some(linearization);
+        run.w.more = Some(linearization);
         tried
     }
 
     fn interpolate(w: &mut Workspace, fraction: f64, _h: f64) {
-        let Some(linearization) = &w.linearization else { return };
-        for (i, point) in w.point.iter_mut().enumerate() {
-            let ends = (w.states[i], w.next[i]);
-            *point = interpolate(fraction, ends, &linearization.stages, i);
+        let Workspace { more: Some(more), states, next, point, .. } = w else { return };
+        if let Some(Linearization { stages, .. }) = more.downcast_ref() {
+            for (i, point) in point.iter_mut().enumerate() {
+                *point = interpolate(fraction, (states[i], next[i]), stages, i);
+            }
         }
     }
 
@@ -55,8 +57,10 @@ impl Method for Rodas5p {
     }
 
     fn leave(w: &mut Workspace) {
-        if let Some(linearization) = &mut w.linearization {
-            linearization.is_current = false;
+        if let Some(Linearization { is_current, .. }) =
+            w.more.as_mut().and_then(|more| more.downcast_mut())
+        {
+            *is_current = false;
         }
     }
 }
