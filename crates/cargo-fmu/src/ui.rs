@@ -89,6 +89,9 @@ pub fn advice(advice: &Advice) -> String {
         Advice::Compile => {
             "--compile compiles them, and `cargo fmu build` adds the binary to the FMU".to_owned()
         }
+        Advice::SolveImplicitly => {
+            "; if the equations are stiff, --solver implicit needs fewer".to_owned()
+        }
         Advice::Simulate => "`cargo fmu simulate`".to_owned(),
         Advice::Sweep => "`cargo fmu sweep`".to_owned(),
         Advice::AnotherTable => "another --out".to_owned(),

@@ -278,13 +278,13 @@ impl<'a> ComponentInstance<'a> {
     pub(crate) fn begin(
         &mut self,
         inputs: Option<TableInputs<'a>>,
-        tolerance: Option<f64>,
+        planned: &LoadedComponent,
         times: (f64, f64),
     ) -> CallResult {
         if self.fmu.interface_type == InterfaceType::ModelExchange {
             let (fmu, groups) = (self.fmu.clone(), self.groups);
-            let begun =
-                Integrator::begin(&mut self.recorded, &fmu, groups, inputs, tolerance, times);
+            let method = (planned.solver, planned.tolerance);
+            let begun = Integrator::begin(&mut self.recorded, &fmu, groups, inputs, method, times);
             let begun =
                 begun.map_err(|error| self.integration_error(error, "first event".to_owned()))?;
             self.integrator = Some(Box::new(begun));
@@ -302,8 +302,8 @@ impl<'a> ComponentInstance<'a> {
         let (failure, what) = match error {
             IntegrationError::Call(failure, place) if place.is_empty() => (failure, what),
             IntegrationError::Call(failure, place) => (failure, format!("{place}, {what}")),
-            IntegrationError::Equations { reason, .. } => {
-                return Box::new(self.error("", what, reason));
+            IntegrationError::Equations { reason, advice, .. } => {
+                return Box::new(RunError { advice, ..self.error("", what, reason) });
             }
         };
         self.call_error(failure, what)

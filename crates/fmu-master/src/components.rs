@@ -14,7 +14,7 @@ use crate::fmu::Sizes;
 use crate::rate::{ComponentStep, Rate};
 use crate::similar::similar;
 use crate::start::{scalar_literals, sizes};
-use crate::{Component, Description, Fmu};
+use crate::{Component, Description, Fmu, Solver};
 
 /// A component whose FMU is loaded.
 #[derive(Clone)]
@@ -33,6 +33,8 @@ pub struct LoadedComponent {
     pub(crate) rate: Rate,
     /// The relative tolerance of its solver.
     pub(crate) tolerance: Option<f64>,
+    /// The method by which its equations are integrated.
+    pub(crate) solver: Solver,
     /// The start values of the description, by the indices of scalars.
     pub(crate) starts: Vec<(usize, Value)>,
 }
@@ -63,6 +65,7 @@ impl LoadedComponent {
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             is_guess: component.sampled.is_none() && component.function.is_none(),
             rate,
+            solver: component.solver.or(system.solver).unwrap_or_default(),
             tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
             starts,
             fmu,

@@ -17,7 +17,7 @@ use crate::function::Computed;
 use crate::given_inputs::GivenInputs;
 use crate::package::SystemOrigin;
 use crate::rate::ComponentStep;
-use crate::{Compilation, Execution, Experiment, Function, Literal, Signature};
+use crate::{Compilation, Execution, Experiment, Function, Literal, Signature, Solver};
 
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -41,6 +41,9 @@ pub struct Description {
     /// The relative tolerance of all components that have none of their own; by default, the tolerance of the
     /// default experiment of each FMU.
     pub tolerance: Option<f64>,
+    /// The method by which the equations of components of model exchange are integrated, if they have none of their own;
+    /// explicit by default.
+    pub solver: Option<Solver>,
     /// The components, in the order in which sequential stepping takes them.
     #[serde(rename = "component")]
     pub components: Vec<Component>,
@@ -68,6 +71,9 @@ pub struct Description {
     /// Values of inputs over time, if there is no file.
     #[serde(skip)]
     pub given_inputs: Option<GivenInputs>,
+    /// Whether the step follows from the stop time, because neither an FMU nor its user gives one.
+    #[serde(skip)]
+    pub is_step_derived: bool,
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
     pub is_single: bool,
@@ -121,6 +127,8 @@ pub struct Component {
     pub sampled: Option<bool>,
     /// Its relative tolerance.
     pub tolerance: Option<f64>,
+    /// The method by which its equations are integrated.
+    pub solver: Option<Solver>,
     /// Start values of parameters, inputs, and variables with initial exact or approx.
     #[serde(default)]
     pub start: BTreeMap<String, Literal>,

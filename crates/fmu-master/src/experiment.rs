@@ -20,6 +20,11 @@ pub struct Experiment {
 const MAX_STEPS: f64 = 1e9;
 
 impl Experiment {
+    /// The step of an FMU for which there is none (s).
+    pub(crate) fn derived_step(start: f64, stop: f64) -> f64 {
+        (stop - start) / 500.0
+    }
+
     /// The number of communication points `start + k step` up to `stop`.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! An unpacked FMU: its variables and units, which are found by their names, and its instances.
 
 pub(crate) mod files;
+mod jacobian;
 mod open;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -11,6 +12,7 @@ use anyhow::{Context, Result, bail};
 use fmu_description::{FmiVersion, Type, Value, Variable};
 use fmu_host::{Instance, InterfaceType};
 
+pub(crate) use self::jacobian::JacobianStructure;
 use crate::code::{Code, UnpackedBinary};
 use crate::declarations::Units;
 use crate::similar::similar;
@@ -51,6 +53,7 @@ pub struct Fmu {
     pub(crate) only_once: bool,
     /// The names of the continuous states and their derivatives.
     pub(crate) states: Vec<[String; 2]>,
+    pub(crate) jacobian: JacobianStructure,
     /// Whether it provides directional derivatives when it is run in this way.
     pub(crate) is_directional: bool,
     /// Whether its states can be saved and restored, when it is run in this way.
@@ -95,6 +98,7 @@ impl Fmu {
             code: Code::Function(function.clone()),
             only_once: false,
             states: Vec::new(),
+            jacobian: JacobianStructure::default(),
             is_directional: false,
             can_restore: false,
         }

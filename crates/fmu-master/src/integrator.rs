@@ -7,10 +7,14 @@
 
 use fmu_description::{FmiVersion, Variability};
 use fmu_host::Instance;
-use ode_methods::solver::{self, Advanced, DormandPrince, Events, OdeSystem, Step, Workspace};
+use ode_methods::solver::{
+    self, Advanced, DormandPrince, Events, OdeSystem, Rodas5p, Step, Workspace,
+};
 
-use crate::Fmu;
+use crate::fmu::{Fmu, JacobianStructure};
 use crate::recorded_instance::{IntegrationError, IntegrationResult, Operation, RecordedInstance};
+use crate::solver::Solver;
+use crate::store::Store;
 use crate::table_inputs::TableInputs;
 use crate::wiring::VariableGroup;
 
@@ -23,6 +27,9 @@ const TOLERANCE: f64 = 1e-6;
 #[derive(Clone)]
 pub(crate) struct Integrator<'a> {
     workspace: Workspace,
+    solver: Solver,
+    /// The value references of states and derivatives, if the FMU provides directional derivatives.
+    directional: Option<[Vec<u32>; 2]>,
     tolerance: f64,
     /// The longest internal step of a component with event indicators (s).
     longest: f64,
@@ -41,6 +48,19 @@ pub(crate) struct Integrator<'a> {
     left: f64,
     /// Whether the last event has left an event indicator close to zero, and nothing was integrated since.
     restarts: bool,
+    /// What is recorded at the ends of internal steps, if anything is.
+    internal: Option<InternalRecord<'a>>,
+}
+
+/// The outputs of a component at the ends of the internal steps between two communication points.
+#[derive(Clone)]
+struct InternalRecord<'a> {
+    groups: &'a [VariableGroup],
+    /// The store of the system, with the outputs that were read last.
+    outputs: Store,
+    /// The next communication point (s).
+    end: f64,
+    points: Vec<(f64, Store)>,
 }
 
 impl<'a> Integrator<'a> {
@@ -50,7 +70,7 @@ impl<'a> Integrator<'a> {
         fmu: &Fmu,
         groups: &[VariableGroup],
         inputs: Option<TableInputs<'a>>,
-        tolerance: Option<f64>,
+        (solver, tolerance): (Solver, Option<f64>),
         (start, step): (f64, f64),
     ) -> IntegrationResult<Self> {
         let [states, indicators] = match fmu.version {
@@ -69,8 +89,17 @@ impl<'a> Integrator<'a> {
         let mut scalars = groups.iter().flat_map(|group| group.inputs.scalars.iter());
         let is_discrete =
             |scalar: &usize| fmu.variable(*scalar).variability != Variability::Continuous;
+        let JacobianStructure { dependencies, .. } = &fmu.jacobian;
+        let dependencies = dependencies.as_deref().filter(|rows| rows.len() == states);
+        let is_directional = fmu.is_directional && !fmu.jacobian.states.is_empty();
+        let references = || [fmu.jacobian.states.clone(), fmu.jacobian.derivatives.clone()];
         let mut integrator = Self {
-            workspace: Workspace::new(states, indicators),
+            workspace: match solver {
+                Solver::Explicit => Workspace::new(states, indicators),
+                Solver::Implicit => Workspace::implicit(states, indicators, dependencies),
+            },
+            solver,
+            directional: is_directional.then(references),
             tolerance: tolerance.unwrap_or(TOLERANCE),
             longest: fmu.step.unwrap_or(step).min(step),
             nominals: vec![1.0; states],
@@ -84,6 +113,7 @@ impl<'a> Integrator<'a> {
             handled: start,
             left: f64::INFINITY,
             restarts: false,
+            internal: None,
         };
         integrator.update(recorded, start)?;
         integrator.read_nominals(recorded)?;
@@ -171,6 +201,8 @@ impl<'a> Integrator<'a> {
         // The memory of a step keeps nothing, and the others are the same at all times.
         let Self {
             workspace: _,
+            solver: _,
+            directional: _,
             tolerance: _,
             longest: _,
             nominals,
@@ -184,6 +216,7 @@ impl<'a> Integrator<'a> {
             handled,
             left,
             restarts,
+            internal: _,
         } = other;
         self.nominals.clone_from(nominals);
         self.derivatives.clone_from(derivatives);
@@ -196,6 +229,18 @@ impl<'a> Integrator<'a> {
         self.handled = *handled;
         self.left = *left;
         self.restarts = *restarts;
+    }
+
+    /// Records the outputs of these groups at the ends of internal steps from now on, in stores like this one.
+    pub(crate) fn record_internal_steps(&mut self, groups: &'a [VariableGroup], outputs: Store) {
+        self.internal =
+            Some(InternalRecord { groups, outputs, end: f64::INFINITY, points: Vec::new() });
+    }
+
+    /// The times (s) and outputs that were recorded since the last call.
+    pub(crate) fn take_internal_steps(&mut self) -> Vec<(f64, Store)> {
+        let internal = self.internal.as_mut();
+        internal.map(|internal| std::mem::take(&mut internal.points)).unwrap_or_default()
     }
 
     /// The number of continuous states.
@@ -212,6 +257,7 @@ impl<'a> Integrator<'a> {
     ) -> IntegrationResult {
         let rounding = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
+        self.internal.iter_mut().for_each(|internal| internal.end = time + size);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
         self.inputs.iter_mut().for_each(|inputs| inputs.begin(time));
         let due = self.next.filter(|_| is_due).map(|next| next.max(time));
@@ -226,11 +272,12 @@ impl<'a> Integrator<'a> {
             restarts: self.restarts,
         };
         let mut workspace = std::mem::take(&mut self.workspace);
-        let advanced = solver::advance::<DormandPrince, _>(
-            &mut ComponentEquations { recorded, integrator: self },
-            &mut workspace,
-            &step,
-        );
+        let advance = match self.solver {
+            Solver::Explicit => solver::advance::<DormandPrince, _>,
+            Solver::Implicit => solver::advance::<Rodas5p, _>,
+        };
+        let mut equations = ComponentEquations { recorded, integrator: self };
+        let advanced = advance(&mut equations, &mut workspace, &step);
         self.workspace = workspace;
         let Advanced { restarts, .. } = advanced?;
         self.restarts = restarts;
@@ -305,13 +352,25 @@ impl OdeSystem for ComponentEquations<'_, '_> {
         derivatives.copy_from_slice(&self.integrator.derivatives);
     }
 
+    fn directional_derivative(
+        &mut self,
+        direction: &[f64],
+        product: &mut [f64],
+    ) -> IntegrationResult<bool> {
+        let Some([states, derivatives]) = &self.integrator.directional else { return Ok(false) };
+        self.recorded.call_with_warning(Operation::Directional, |instance| {
+            instance.get_directional_derivative(derivatives, states, direction, product)
+        })?;
+        Ok(true)
+    }
+
     fn event_indicator(&mut self, indicator: usize) -> f64 {
         self.integrator.indicators[indicator]
     }
 
     fn not_finite(&mut self) -> IntegrationError {
         let reason = "a derivative or an event indicator became NaN or infinite".to_owned();
-        IntegrationError::Equations { reason, is_discarded: false }
+        IntegrationError::Equations { reason, is_discarded: false, advice: None }
     }
 
     fn completed(&mut self, time: f64) -> IntegrationResult<bool> {
@@ -319,6 +378,12 @@ impl OdeSystem for ComponentEquations<'_, '_> {
         let completed = self.recorded.call(operation, Instance::completed_integrator_step)?;
         if completed.terminate {
             return Err(self.recorded.terminated(operation, time));
+        }
+        if let Some(InternalRecord { groups, outputs, end, points }) = &mut self.integrator.internal
+            && time < *end
+        {
+            self.recorded.read_outputs(groups, outputs)?;
+            points.push((time, outputs.clone()));
         }
         Ok(completed.enter_event_mode)
     }

@@ -100,6 +100,8 @@ pub enum Advice {
     ListVariables(String),
     /// The FMU can be compiled from its sources.
     Compile,
+    /// If the equations are stiff, the implicit method takes fewer steps.
+    SolveImplicitly,
     /// The file is a system, not a sweep.
     Simulate,
     /// The file is a sweep, not a system.

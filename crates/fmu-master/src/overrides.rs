@@ -9,7 +9,9 @@ use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
 use crate::given_inputs::GivenInputs;
-use crate::{Compilation, Description, Execution, Literal, Observation, Order, Sandbox};
+use crate::{
+    Compilation, Description, Execution, Experiment, Literal, Observation, Order, Sandbox, Solver,
+};
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
@@ -33,6 +35,9 @@ pub struct Overrides {
     /// Relative tolerance of all components
     #[arg(long, value_name = "TOLERANCE")]
     pub tolerance: Option<f64>,
+    /// Method by which the equations of model exchange are integrated [default: explicit]
+    #[arg(long)]
+    pub solver: Option<Solver>,
     /// How to run the FMUs [default: by co-simulation, if they support it]
     #[arg(long, value_parser = interface_type())]
     pub interface: Option<InterfaceType>,
@@ -77,14 +82,21 @@ impl Overrides {
         description.execution = self.execution.clone();
         description.start = self.start.unwrap_or(description.start);
         description.stop = self.stop.unwrap_or(description.stop);
+        description.is_step_derived &= self.step.is_none();
         description.step = self.step.unwrap_or(description.step);
+        let (start, stop) = (description.start, description.stop);
+        if description.is_step_derived && description.step > stop - start && stop > start {
+            description.step = Experiment::derived_step(start, stop);
+        }
         description.output_step = self.output_step.or(description.output_step);
         description.order = self.order.unwrap_or(description.order);
         description.tolerance = self.tolerance.or(description.tolerance);
+        description.solver = self.solver.or(description.solver);
         for component in &mut description.components {
             component.sampled = self.sampled.or(component.sampled);
             component.interface = self.interface.or(component.interface);
             component.tolerance = component.tolerance.filter(|_| self.tolerance.is_none());
+            component.solver = component.solver.filter(|_| self.solver.is_none());
         }
         if !self.outputs.is_empty() {
             description.outputs.clone_from(&self.outputs);

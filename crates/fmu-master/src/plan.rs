@@ -17,7 +17,9 @@ use crate::start::{ComponentStarts, StartValue, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
 use crate::wiring::Wiring;
-use crate::{Description, Execution, Experiment, Fmu, Literal, Order, Place, algebraic_loop};
+use crate::{
+    Description, Execution, Experiment, Fmu, Literal, Order, Place, Solver, algebraic_loop,
+};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
@@ -43,6 +45,8 @@ pub struct Plan {
     pub(crate) recorded: Vec<ScalarId>,
     /// The smallest and the largest value of each column that the model description allows.
     pub bounds: Vec<[Option<f64>; 2]>,
+    /// Whether there are rows at the ends of the solver's steps, too: of one FMU whose step nobody has chosen.
+    pub(crate) records_internal_steps: bool,
     /// Choices of the master that the user may want to override.
     notes: Vec<Note>,
 }
@@ -120,6 +124,9 @@ impl Plan {
             notes: notes(&components, &recorded).into_iter().chain(experiment.note()?).collect(),
             bounds: recorded.iter().map(bounds).collect(),
             recorded,
+            records_internal_steps: description.is_step_derived
+                && description.output_step.is_none()
+                && components.all.iter().all(|c| c.integrates() && c.solver == Solver::Implicit),
             experiment,
             output_every,
             input,

@@ -3,14 +3,16 @@
 use std::fmt::Arguments;
 use std::sync::LazyLock;
 
-use fmu_description::FmiVersion;
+use fmu_description::{FmiVersion, Value};
 use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
 use ode_methods::solver;
 
-use crate::Messages;
 use crate::access_list::accessor;
+use crate::store::Store;
 use crate::table_inputs::TableInputs;
+use crate::wiring::VariableGroup;
+use crate::{Advice, Messages};
 
 /// The instance of a component, whose calls are recorded.
 pub(crate) struct RecordedInstance {
@@ -41,6 +43,7 @@ operations! {
     SetStates: "set_continuous_states",
     States: "get_continuous_states",
     Derivatives: "get_continuous_state_derivatives",
+    Directional: "get_directional_derivative",
     Indicators: "get_event_indicators",
     Completed: "completed_integrator_step",
     EventMode: "enter_event_mode",
@@ -69,12 +72,17 @@ pub(crate) enum IntegrationError {
     /// A call has failed; the text tells where.
     Call(fmu_host::Failure, String),
     /// The equations cannot be integrated, though shorter steps may succeed if they are discarded.
-    Equations { reason: String, is_discarded: bool },
+    Equations { reason: String, is_discarded: bool, advice: Option<Advice> },
 }
 
 impl solver::SolverError for IntegrationError {
     fn discard(reason: Arguments<'_>) -> Self {
-        Self::Equations { reason: reason.to_string(), is_discarded: true }
+        Self::Equations { reason: reason.to_string(), is_discarded: true, advice: None }
+    }
+
+    fn too_many_steps(reason: Arguments<'_>) -> Self {
+        let advice = Some(Advice::SolveImplicitly);
+        Self::Equations { reason: reason.to_string(), is_discarded: true, advice }
     }
 
     fn is_discarded(&self) -> bool {
@@ -87,8 +95,8 @@ impl solver::SolverError for IntegrationError {
     fn with_prefix(self, prefix: Arguments<'_>) -> Self {
         match self {
             Self::Call(failure, place) => Self::Call(failure, format!("{prefix}{place}")),
-            Self::Equations { reason, is_discarded } => {
-                Self::Equations { reason: format!("{prefix}: {reason}"), is_discarded }
+            Self::Equations { reason, is_discarded, advice } => {
+                Self::Equations { reason: format!("{prefix}: {reason}"), is_discarded, advice }
             }
         }
     }
@@ -135,6 +143,27 @@ impl RecordedInstance {
             self.calls.begin(accessor("set", self.version, access_type));
             let set = self.instance.set_values(access_type, &[reference], &values);
             self.warn(set.map_err(|failure| IntegrationError::Call(failure, String::new()))?);
+        }
+        Ok(())
+    }
+
+    /// Gets the outputs of all groups into the store.
+    pub(crate) fn read_outputs(
+        &mut self,
+        groups: &[VariableGroup],
+        outputs: &mut Store,
+    ) -> IntegrationResult {
+        for VariableGroup { access_type, get, outputs: list, first_output, .. } in groups {
+            if list.references.is_empty() {
+                continue;
+            }
+            let mut values = vec![Value::Boolean(false); list.elements];
+            self.calls.begin(*get);
+            let got = self.instance.get_values(*access_type, &list.references, &mut values);
+            self.warn(got.map_err(|failure| IntegrationError::Call(failure, String::new()))?);
+            for (index, position) in list.positions.iter().enumerate() {
+                outputs.set(first_output.plus(index), values[*position].clone());
+            }
         }
         Ok(())
     }

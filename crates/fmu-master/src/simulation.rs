@@ -2,6 +2,7 @@
 
 mod advance;
 mod hosted;
+mod internal_steps;
 mod paced;
 mod row;
 mod saved;
@@ -147,7 +148,7 @@ impl Simulation<'_> {
                 component.parameters =
                     table.and_then(|t| TableParameters::new(t, index, fmu, starts, start));
                 let inputs = table.and_then(|t| TableInputs::new(t, index, fmu, groups, starts));
-                component.begin(inputs, loaded.tolerance, (start, loaded.rate.step))
+                component.begin(inputs, loaded, (start, loaded.rate.step))
             })
         });
         begun.map_err(|failure| failure.at(start))
@@ -265,6 +266,9 @@ impl Simulation<'_> {
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
         // The first step reads them at the same communication point, but in other calls.
         self.components.iter_mut().for_each(|component| component.recorded.calls.begin(None));
+        if !PLAIN {
+            self.begin_internal_steps();
+        }
         for k in 0..points {
             let time = experiment.time(k);
             self.messages.record().at(time);
@@ -283,6 +287,12 @@ impl Simulation<'_> {
                     false => self.advance_paced(k, time, experiment.step),
                 };
                 stepped.map_err(failed_at(time))?;
+                if !PLAIN
+                    && self.plan.records_internal_steps
+                    && !self.observe_internal_steps(observe)
+                {
+                    break;
+                }
                 self.row.store.record::<PLAIN>(&wiring.recorded_after, &self.outputs);
             }
             if is_late && !observe(&self.row) {

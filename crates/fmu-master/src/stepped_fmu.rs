@@ -18,7 +18,9 @@ use crate::components::LoadedComponent;
 use crate::cycle::Cycle;
 use crate::literal::refusal;
 use crate::start::{ComponentStarts, ScalarLiteral, scalar_literals};
-use crate::{Compilation, Description, Fmu, Literal, Messages, Observation, Plan, RunError};
+use crate::{
+    Compilation, Description, Fmu, Literal, Messages, Observation, Plan, RunError, Solver,
+};
 
 /// Which FMU to step, and how.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -33,6 +35,8 @@ pub struct Setup {
     pub start: f64,
     /// The relative tolerance.
     pub tolerance: Option<f64>,
+    /// The method by which its equations are integrated.
+    pub solver: Option<Solver>,
     /// Values of structural parameters, which are sizes of arrays.
     pub sizes: Vec<(String, Literal)>,
     /// Whether it is compiled, if it has no binary for this machine.
@@ -103,6 +107,7 @@ impl Names {
     pub fn open(setup: &Setup) -> Result<Self> {
         let mut description = Description::read_fmu(&setup.file)?;
         description.tolerance = setup.tolerance;
+        description.solver = setup.solver;
         description.compilation = setup.compilation.clone();
         let component = &mut description.components[0];
         component.interface = setup.interface;
@@ -469,7 +474,7 @@ impl SteppedFmu {
         self.component.set_up((self.time, None), tolerance, &starts)?;
         self.component.enter_initialization()?;
         self.component.exit_initialization()?;
-        self.component.begin(None, tolerance, (self.time, f64::INFINITY))?;
+        self.component.begin(None, &self.planned, (self.time, f64::INFINITY))?;
         self.runs = true;
         self.messages.record().at(self.time);
         Ok(())

@@ -12,7 +12,7 @@ use crate::note::Advice;
 use crate::package::is_package;
 use crate::similar::with_similar_file;
 use crate::table::Format;
-use crate::{Component, Description, ssp};
+use crate::{Component, Description, Experiment, ssp};
 
 impl Description {
     /// Reads a file: an FMU, or a system as [`Description::read`] does.
@@ -86,7 +86,8 @@ impl Description {
         Ok(Self {
             start,
             stop,
-            step: step.unwrap_or((stop - start) / 500.0),
+            step: step.unwrap_or_else(|| Experiment::derived_step(start, stop)),
+            is_step_derived: step.is_none(),
             allow_algebraic_loops: true,
             components: vec![Component {
                 name: file.file_stem().unwrap_or_default().to_string_lossy().replace('.', "_"),

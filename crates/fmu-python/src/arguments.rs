@@ -98,6 +98,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         step: arguments.number("step")?,
         output_step: arguments.number("output_step")?,
         tolerance: arguments.number("tolerance")?,
+        solver: arguments.item("solver")?,
         interface: arguments.item("interface")?,
         order: arguments.item("order")?,
         outputs: arguments.get("outputs")?.unwrap_or_default(),
@@ -137,6 +138,7 @@ pub fn setup(setup: &Bound<'_, PyDict>) -> PyResult<Setup> {
         interface: arguments.item("interface")?,
         start: arguments.number("start")?.unwrap_or_default(),
         tolerance: arguments.number("tolerance")?,
+        solver: arguments.item("solver")?,
         sizes: literals(sizes.unwrap_or_default())?,
         compilation: Compilation {
             is_wanted: arguments.get("compile")?.unwrap_or_default(),

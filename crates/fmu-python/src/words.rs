@@ -23,6 +23,9 @@ pub fn advice(advice: &Advice) -> String {
     match advice {
         Advice::ListVariables(fmu) => format!("`Instance(\"{fmu}\").variables` has its variables"),
         Advice::Compile => "`compile=True` compiles them".to_owned(),
+        Advice::SolveImplicitly => {
+            "; if the equations are stiff, `solver=\"implicit\"` needs fewer".to_owned()
+        }
         Advice::Simulate => "`simulate`".to_owned(),
         Advice::Sweep => "`sweep`".to_owned(),
         Advice::AnotherTable => "another `out`".to_owned(),

@@ -69,10 +69,11 @@ pub fn names(
             own.extend(value.map(|value| (name.clone(), Literal::Text(value))));
         }
     }
-    let Overrides { step, tolerance, order, interface, input, .. } = overrides;
+    let Overrides { step, tolerance, solver, order, interface, input, .. } = overrides;
     let options = [
         step.map(|step| format!("step={step}")),
         tolerance.map(|tolerance| format!("tolerance={tolerance}")),
+        solver.map(|solver| format!("{solver:?}").to_lowercase()),
         order.map(|order| format!("{order:?}").to_lowercase()),
         interface.map(|interface| interface.as_str().to_owned()),
         input.as_ref().map(|file| format!("input={}", stem(file))),

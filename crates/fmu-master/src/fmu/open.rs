@@ -13,7 +13,7 @@ use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_host::{InterfaceType, Limits};
 
 use super::files::FmuFiles;
-use super::{Fmu, Scalar, Sizes};
+use super::{Fmu, JacobianStructure, Scalar, Sizes};
 use crate::code::{Code, UnpackedBinary, find_binary, problem_categories};
 use crate::declarations::units;
 use crate::similar::with_similar_file;
@@ -135,6 +135,7 @@ impl Fmu {
             }),
             only_once,
             states: states(&model),
+            jacobian: JacobianStructure::of(&model),
             is_directional: interface.is_true(match model.version {
                 FmiVersion::Fmi2 => "providesDirectionalDerivative",
                 FmiVersion::Fmi3 => "providesDirectionalDerivatives",

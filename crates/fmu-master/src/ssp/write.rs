@@ -82,11 +82,13 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
     let components = &description.components;
     let has_tolerance =
         description.tolerance.is_some() || components.iter().any(|c| c.tolerance.is_some());
+    let has_solver = description.solver.is_some() || components.iter().any(|c| c.solver.is_some());
     for (key, is_given) in [
         ("input", description.input.is_some()),
         ("output_step", description.output_step.is_some()),
         ("step of components", components.iter().any(|c| c.step.is_some())),
         ("tolerance", has_tolerance),
+        ("solver", has_solver),
         ("sampled", components.iter().any(|c| c.sampled.is_some())),
     ] {
         if is_given {

@@ -74,6 +74,7 @@ STEP = Kind(
     f'{SECONDS.expected}, or "{DEFAULT_EXPERIMENT}"',
     lambda value: is_number(value) or value == DEFAULT_EXPERIMENT,
 )
+SOLVER = Kind('"explicit" or "implicit"', lambda value: value in ("explicit", "implicit"))
 ORDER = Kind('"sequential" or "parallel"', lambda value: value in ("sequential", "parallel"))
 
 SYSTEM = {
@@ -87,6 +88,7 @@ SYSTEM = {
     "outputs": TEXTS,
     "input": Kind("a file; `simulate` takes tables of values as its `input`", _is_file),
     "tolerance": NUMBER,
+    "solver": SOLVER,
     "allow_algebraic_loops": FLAG,
     "seed": WHOLE,
 }
@@ -102,6 +104,7 @@ COMPONENT = {
     "step": STEP,
     "sampled": FLAG,
     "tolerance": NUMBER,
+    "solver": SOLVER,
 }
 """The keys of a component."""
 

@@ -69,6 +69,9 @@ class Instance(_native.Instance):
         The start time [s].
     tolerance
         Relative tolerance of the integration.
+    solver
+        How equations are integrated in model exchange: "explicit", which is the default, or
+        "implicit" if they are stiff.
     name
         Its name in errors, by default the name of the file.
     compile
@@ -103,6 +106,7 @@ class Instance(_native.Instance):
         start_time: float = 0.0,
         *,
         tolerance: float | None = None,
+        solver: str | None = None,
         name: str | None = None,
         compile: bool = False,
         trace: str | os.PathLike[str] | None = None,
@@ -113,6 +117,7 @@ class Instance(_native.Instance):
             "interface": interface,
             "start": start_time,
             "tolerance": tolerance,
+            "solver": solver,
             "compile": compile,
             "trace": None if trace is None else Path(trace).absolute(),
         }

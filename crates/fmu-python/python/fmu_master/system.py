@@ -41,10 +41,10 @@ class System:
         the keys of a system file.
     **keys
         The same keys as keyword arguments. `components` maps names to files, or to dicts with the
-        keys `fmu`, `start`, `interface`, `step`, `sampled` and `tolerance`, or to a
+        keys `fmu`, `start`, `interface`, `step`, `sampled`, `tolerance` and `solver`, or to a
         `python_component`; `connections` has pairs (output, input), texts "component.output ->
         component.input" or dicts; `start`, `stop`, `step` and `output_step` are in s; `order` is
-        "sequential" or "parallel".
+        "sequential" or "parallel", `solver` "explicit" or "implicit".
 
     Examples
     --------
@@ -207,6 +207,7 @@ class System:
         output: Sequence[str] | None = None,
         order: str | None = None,
         tolerance: float | None = None,
+        solver: str | None = None,
         interface: str | None = None,
         compile: bool = False,
         real_time: float | None = None,
@@ -224,7 +225,9 @@ class System:
             Start values by `component.variable`; enumerations by the names of their items.
         order
             "sequential" or "parallel".
-        start_time, stop_time, step_size, output_step, input, output, tolerance, interface, compile
+        start_time, stop_time, step_size, output_step, input, output
+            As for `simulate`.
+        tolerance, solver, interface, compile
             As for `simulate`, for all components.
         real_time, trace, profile, in_process, progress, debug_logging
             As for `simulate`.
@@ -246,6 +249,7 @@ class System:
             "output_step": output_step,
             "order": order,
             "tolerance": tolerance,
+            "solver": solver,
             "outputs": one_or_more(output or ()),
             "interface": interface,
             "compile": compile,
@@ -296,6 +300,7 @@ def simulate(
     *,
     output_step: float | None = None,
     tolerance: float | None = None,
+    solver: str | None = None,
     interface: str | None = None,
     compile: bool = False,
     real_time: float | None = None,
@@ -323,6 +328,9 @@ def simulate(
         Time between two rows [s], a multiple of the communication step, which it is by default.
     tolerance
         Relative tolerance.
+    solver
+        How equations are integrated in model exchange: "explicit", which is the default, or
+        "implicit" if they are stiff.
     interface
         "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
     compile
@@ -363,6 +371,7 @@ def simulate(
         output=output,
         output_step=output_step,
         tolerance=tolerance,
+        solver=solver,
         interface=interface,
         compile=compile,
         real_time=real_time,
