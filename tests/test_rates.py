@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from fmu_master import FmuError, System, python_component
 from native import in_c, read_csv, refusal, run, write_system
 from pendulum_fmus.project import FMUS
-from reference import Plant
+from reference import Plant, linear_model
 
 STEP = 0.001
 """Communication step of most systems [s]."""
@@ -158,6 +159,63 @@ def test_rows_are_at_multiples_of_the_output_step_and_the_summary_is_that_of_all
     assert same_lines == [line for line in told[1].splitlines() if " ms: " not in line]
     run("simulate", "loop.toml", "--csv=few.csv", "--output-step=0.1", cwd=tmp_path)
     assert list(read_csv(tmp_path / "few.csv")["time"]) == [0.0, 0.1, 0.2]
+
+
+def cascade(communication_step: float, *, order: str, version: str, **keys: object) -> float:
+    """Return the error of the angle of a pendulum whose force is 20 times the angle of another."""
+    start = {"theta0": 0.1, "dynamics": "linear"}
+    pushed = {"fmu": FMUS / f"Pendulum{version}.fmu", "start": {"dynamics": "linear"}, **keys}
+    system = System(
+        components={"pushed": pushed, "falling": {"fmu": FMUS / "Pendulum.fmu", "start": start}},
+        connections=[{"from": "falling.theta", "to": "pushed.u", "factor": 20.0, "offset": 0.5}],
+        step=communication_step,
+        stop=0.4,
+        order=order,
+    )
+    (a, b), state = linear_model(), np.zeros(9)
+    state[6], state[8] = 0.1, 1.0
+    together = np.zeros((9, 9))
+    together[:4, :4] = together[4:8, 4:8] = a
+    together[:4, 6], together[:4, 8] = 20 * b, 0.5 * b
+    exact = (expm(together * 0.4) @ state)[2]
+    return abs(system.simulate()["pushed.theta"][-1] - exact)
+
+
+def test_extrapolated_inputs_have_errors_of_second_order():
+    """An FMU of FMI 2.0 receives the slope of its input; FMI 3.0 has no function for it."""
+    for order, version, keys in (
+        ("parallel", "", {}),
+        ("sequential", "", {}),
+        ("sequential", "", {"step": 0.04}),
+    ):
+        plain = {"order": order, "version": version}
+        extrapolated = plain | keys | {"inputs": "extrapolated"}
+        one, two = (cascade(size, **extrapolated) for size in (0.04, 0.02))
+        if not keys:
+            assert 3.5 < one / two < 4.5
+        assert one < cascade(0.04, **plain) / 5
+
+
+def test_inputs_are_extrapolated_at_each_step_of_a_component_without_slopes():
+    keys = {"order": "parallel", "version": "_fmi3", "step": 0.001}
+    held = cascade(0.04, **keys)
+    extrapolated = cascade(0.04, **keys, inputs="extrapolated")
+    assert extrapolated < held / 5
+
+
+def test_inputs_without_derivatives_are_not_extrapolated():
+    with pytest.raises(
+        FmuError, match=r"component plant: inputs = \"extrapolated\", but no contin"
+    ):
+        loop({"inputs": "extrapolated"}, {}).simulate()
+    with pytest.raises(FmuError, match='inputs = \'linear\', expected "held" or "extrapolated"'):
+        loop({"inputs": "linear"}, {})
+    # A fault would be gone.
+    system = loop({}, {"inputs": "extrapolated"})
+    system.simulate()
+    faulty = {"from": "plant.theta", "to": "controller.y", "faults": [{"delay": 0.002}]}
+    with pytest.raises(FmuError, match="component controller: inputs"):
+        system.changed(connections=[faulty, ("controller.u", "plant.u")]).simulate()
 
 
 @pytest.mark.parametrize(

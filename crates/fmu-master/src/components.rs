@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability, Variable};
 use fmu_host::InterfaceType;
 
+use crate::extrapolation::Inputs;
 use crate::fmu::Sizes;
 use crate::rate::{ComponentStep, Rate};
 use crate::similar::similar;
@@ -31,6 +32,8 @@ pub struct LoadedComponent {
     pub(crate) is_guess: bool,
     /// Its own step, and how it fits the communication step.
     pub(crate) rate: Rate,
+    /// What its inputs are between communication points.
+    pub(crate) inputs: Inputs,
     /// The relative tolerance of its solver.
     pub(crate) tolerance: Option<f64>,
     /// The method by which its equations are integrated.
@@ -65,6 +68,7 @@ impl LoadedComponent {
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             is_guess: component.sampled.is_none() && component.function.is_none(),
             rate,
+            inputs: component.inputs,
             solver: component.solver.or(system.solver).unwrap_or_default(),
             tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
             starts,

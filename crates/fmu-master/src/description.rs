@@ -12,6 +12,7 @@ use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
 use crate::container::Expose;
+use crate::extrapolation::Inputs;
 use crate::fault::{Amount, Fault};
 use crate::function::Computed;
 use crate::given_inputs::GivenInputs;
@@ -122,6 +123,9 @@ pub struct Component {
     pub interface: Option<InterfaceType>,
     /// Its own step, a multiple or a whole fraction of the communication step, which it is by default.
     pub step: Option<ComponentStep>,
+    /// What its inputs are between communication points.
+    #[serde(default)]
+    pub inputs: Inputs,
     /// Whether its outputs after a step belong to the sample taken at the start of the step; by
     /// default, true if all outputs are discrete.
     pub sampled: Option<bool>,

@@ -51,6 +51,10 @@ pub struct Fmu {
     code: Code,
     /// Whether a process can have only one instance of the FMU.
     pub(crate) only_once: bool,
+    /// The highest order of the derivatives of its outputs, in co-simulation.
+    pub(crate) output_derivatives: usize,
+    /// Whether it takes derivatives of its inputs, which only FMI 2.0 has.
+    pub(crate) interpolates_inputs: bool,
     /// The names of the continuous states and their derivatives.
     pub(crate) states: Vec<[String; 2]>,
     pub(crate) jacobian: JacobianStructure,
@@ -97,6 +101,8 @@ impl Fmu {
             equations: [0; 2],
             code: Code::Function(function.clone()),
             only_once: false,
+            output_derivatives: 0,
+            interpolates_inputs: false,
             states: Vec::new(),
             jacobian: JacobianStructure::default(),
             is_directional: false,

@@ -52,6 +52,7 @@ mod description;
 mod error;
 mod execution;
 mod experiment;
+mod extrapolation;
 mod fault;
 mod fmu;
 mod function;
@@ -97,6 +98,7 @@ pub use description::{Component, Connection, Conversion, Description, Order, San
 pub use error::{FailedCall, RunError};
 pub use execution::{Execution, check_factor};
 pub use experiment::Experiment;
+pub use extrapolation::Inputs;
 pub use fault::Fault;
 pub use fmu::Fmu;
 pub use fmu_host::InterfaceType;

@@ -109,17 +109,19 @@ impl Plan {
             let (unit, items) = (variable.unit.as_deref().unwrap_or_default(), items.collect());
             Column { items, ..Column::new(name, unit, variable.of_type) }
         };
+        let wiring = Wiring::new(
+            description,
+            &components,
+            &connections,
+            input.as_ref(),
+            &host_inputs,
+            &recorded,
+        );
+        wiring.extrapolation.check(&components)?;
         Ok(Self {
             execution: description.execution.clone(),
             order: description.order,
-            wiring: Wiring::new(
-                description,
-                &components,
-                &connections,
-                input.as_ref(),
-                &host_inputs,
-                &recorded,
-            ),
+            wiring,
             columns: recorded.iter().zip(names).map(column).collect(),
             notes: notes(&components, &recorded).into_iter().chain(experiment.note()?).collect(),
             bounds: recorded.iter().map(bounds).collect(),

@@ -264,6 +264,11 @@ impl Simulation<'_> {
         let failed_at = |time| move |failure: Box<RunError>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
+        if !PLAIN {
+            let mut all = 0..self.components.len();
+            let read = all.try_for_each(|index| self.read_derivatives(index, experiment.start));
+            read.map_err(failed_at(experiment.start))?;
+        }
         // The first step reads them at the same communication point, but in other calls.
         self.components.iter_mut().for_each(|component| component.recorded.calls.begin(None));
         if !PLAIN {

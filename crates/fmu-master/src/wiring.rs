@@ -23,6 +23,7 @@ use fmu_worker::Function;
 use crate::access_list::{AccessList, accessor};
 use crate::components::{LoadedComponent, ScalarId};
 use crate::connections::ResolvedConnection;
+use crate::extrapolation::Extrapolation;
 use crate::fault::{FaultState, FaultyConnection};
 use crate::input_table::InputTable;
 use crate::store::{Place, RecordedSignals, Transfer, places};
@@ -42,6 +43,7 @@ pub(crate) struct Wiring {
     pub(crate) recorded_after: RecordedSignals,
     /// The connections with faults that lead to each component.
     pub(crate) faulty_connections: Vec<Vec<FaultyConnection>>,
+    pub(crate) extrapolation: Extrapolation,
     /// The places in the store of the columns of the input table.
     pub(crate) table_places: Vec<Place>,
     /// The places in the store of the inputs that a host sets.
@@ -215,12 +217,14 @@ impl Wiring {
             signals.add(output_places[id], column);
         }
 
+        let mut extrapolation = Extrapolation::new(components, connections, &mut counts);
         let mut connections = Vec::from_iter(connections);
         connections.sort_by_key(|connection| connection.from.component);
         let mut faulty_connections = vec![Vec::new(); components.len()];
         let mut feeding = Vec::from_iter(components.iter().map(|_| Vec::new()));
         let mut ranks = 0..;
-        for ResolvedConnection { from, to, conversion, faults } in connections {
+        for connection in connections {
+            let ResolvedConnection { from, to, conversion, faults } = connection;
             let mut place = output_places[from];
             if !faults.is_empty() {
                 let (experiment, seed) = (description.experiment(), description.seed);
@@ -232,6 +236,9 @@ impl Wiring {
                 faulty_connections[to.component].push(faulty);
                 place = Place::next(Type::Float64, &mut counts);
             }
+            let extrapolated =
+                extrapolation.extrapolate(components, connection, place, &mut counts);
+            place = extrapolated.unwrap_or(place);
             let component = Some(from.component);
             let group = VariableGroup::entry(&mut groups, components, *to);
             group.inputs.push(to.fmu(components), to.scalar);
@@ -253,6 +260,7 @@ impl Wiring {
         groups.iter_mut().for_each(|groups| groups[0].find_direct_values());
         let is_plain = input.is_none()
             && faulty_connections.iter().all(Vec::is_empty)
+            && extrapolation.is_empty()
             && recorded_before.others.is_empty()
             && recorded_after.others.is_empty()
             && groups.iter().all(|groups| groups.len() == 1 && groups[0].is_plain());
@@ -263,6 +271,7 @@ impl Wiring {
             recorded_before,
             recorded_after,
             faulty_connections,
+            extrapolation,
             table_places,
             host_places,
             is_plain,

@@ -134,6 +134,8 @@ impl Fmu {
                 compiled,
             }),
             only_once,
+            output_derivatives: output_derivatives(interface),
+            interpolates_inputs: interface.is_true("canInterpolateInputs"),
             states: states(&model),
             jacobian: JacobianStructure::of(&model),
             is_directional: interface.is_true(match model.version {
@@ -218,6 +220,14 @@ fn interface<'a>(
         );
     }
     Ok(found)
+}
+
+/// The highest order of the derivatives of outputs. Model exchange has none.
+fn output_derivatives(interface: &Element<'_>) -> usize {
+    /// More are not useful, as inputs are extrapolated over short times.
+    const HIGHEST: usize = 8;
+    let order = interface.attribute("maxOutputDerivativeOrder");
+    order.and_then(|text| text.trim().parse().ok()).unwrap_or(0).min(HIGHEST)
 }
 
 /// The names of the continuous states and their derivatives.

@@ -15,7 +15,7 @@ impl Simulation<'_> {
             for index in all {
                 self.feed_component(index, k, time, step)?;
                 self.step_component(index, k, time, step)?;
-                self.read_component(index, k)?;
+                self.read_component(index, k, time + step)?;
             }
             return Ok(());
         }
@@ -25,7 +25,7 @@ impl Simulation<'_> {
         for index in all.clone() {
             self.step_component(index, k, time, step)?;
         }
-        all.into_iter().try_for_each(|index| self.read_component(index, k))
+        all.into_iter().try_for_each(|index| self.read_component(index, k, time + step))
     }
 
     /// Passes the newest outputs to the inputs of a component that steps now, by connections that may have faults, after
@@ -38,7 +38,8 @@ impl Simulation<'_> {
             return Ok(());
         }
         self.components[index].set_parameters(time)?;
-        self.components[index].write::<false>(&self.outputs)
+        let inputs = &self.plan.wiring.extrapolation.inputs[index];
+        self.components[index].write_at(inputs, time, &mut self.outputs)
     }
 
     /// Has a component take its steps in this communication step.
@@ -70,22 +71,32 @@ impl Simulation<'_> {
     fn feed_within_step(&mut self, index: usize, time: f64) -> CallResult {
         self.components[index].set_parameters(time)?;
         let wiring = &self.plan.wiring;
-        let Some(input) = self.plan.input.as_ref().filter(|input| input.feeds(index)) else {
+        let inputs = &wiring.extrapolation.inputs[index];
+        let table = self.plan.input.as_ref().filter(|table| table.feeds(index));
+        if let Some(table) = table {
+            table.apply_to(index, time, &wiring.table_places, &mut self.outputs);
+        } else if inputs.is_empty() {
             return Ok(());
-        };
-        input.apply_to(index, time, &wiring.table_places, &mut self.outputs);
-        self.components[index].write::<false>(&self.outputs)
+        }
+        self.components[index].write_at(inputs, time, &mut self.outputs)
     }
 
     /// Gets the outputs of a component at their time: of a sampled one after its step, of others when the communication
-    /// steps reach the end of its step.
-    fn read_component(&mut self, index: usize, k: u64) -> CallResult {
+    /// steps reach the end of its step (s).
+    fn read_component(&mut self, index: usize, k: u64, end: f64) -> CallResult {
         let LoadedComponent { rate, sampled, .. } = self.plan.components[index];
         let is_time = if sampled { self.is_due(index, k) } else { rate.ends(k) };
-        match is_time {
-            true => self.components[index].read::<false>(&mut self.outputs),
-            false => Ok(()),
+        if is_time {
+            self.components[index].read::<false>(&mut self.outputs)?;
+            self.read_derivatives(index, end)?;
         }
+        Ok(())
+    }
+
+    /// Gets the derivatives of the outputs of a component that extrapolate inputs, at a time (s).
+    pub(super) fn read_derivatives(&mut self, index: usize, time: f64) -> CallResult {
+        let derivatives = &self.plan.wiring.extrapolation.outputs[index];
+        self.components[index].read_derivatives(derivatives, time, &mut self.outputs)
     }
 
     /// Whether a component steps from communication point `k`. A step that would end after the last communication point

@@ -11,7 +11,7 @@ use fmu_file::archive::{self, Packed};
 use super::structure::identifier;
 use super::{document, structure};
 use crate::package::STRUCTURE_FILE;
-use crate::{Description, LoadedComponent, Messages, Order, Plan};
+use crate::{Description, Inputs, LoadedComponent, Messages, Order, Plan};
 
 /// A package that is ready to be written.
 pub struct Package {
@@ -86,6 +86,7 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
     for (key, is_given) in [
         ("input", description.input.is_some()),
         ("output_step", description.output_step.is_some()),
+        ("inputs", components.iter().any(|c| c.inputs != Inputs::Held)),
         ("step of components", components.iter().any(|c| c.step.is_some())),
         ("tolerance", has_tolerance),
         ("solver", has_solver),

@@ -75,6 +75,7 @@ STEP = Kind(
     lambda value: is_number(value) or value == DEFAULT_EXPERIMENT,
 )
 SOLVER = Kind('"explicit" or "implicit"', lambda value: value in ("explicit", "implicit"))
+INPUTS = Kind('"held" or "extrapolated"', lambda value: value in ("held", "extrapolated"))
 ORDER = Kind('"sequential" or "parallel"', lambda value: value in ("sequential", "parallel"))
 
 SYSTEM = {
@@ -102,6 +103,7 @@ COMPONENT = {
     "start": STARTS,
     "interface": TEXT,
     "step": STEP,
+    "inputs": INPUTS,
     "sampled": FLAG,
     "tolerance": NUMBER,
     "solver": SOLVER,

@@ -41,7 +41,7 @@ class System:
         the keys of a system file.
     **keys
         The same keys as keyword arguments. `components` maps names to files, or to dicts with the
-        keys `fmu`, `start`, `interface`, `step`, `sampled`, `tolerance` and `solver`, or to a
+        keys `fmu`, `start`, `interface`, `step`, `inputs`, `sampled`, `tolerance` and `solver`, or to a
         `python_component`; `connections` has pairs (output, input), texts "component.output ->
         component.input" or dicts; `start`, `stop`, `step` and `output_step` are in s; `order` is
         "sequential" or "parallel", `solver` "explicit" or "implicit".
