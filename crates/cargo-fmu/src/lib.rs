@@ -19,7 +19,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use session::Session;
 
 use commands::{
-    build, compare, completions, diff, export, info, merge, new, run, simulate, ssp, sweep,
+    build, compare, completions, diff, export, info, merge, new, replay, run, simulate, ssp, sweep,
     validate,
 };
 
@@ -107,6 +107,20 @@ Examples:
   cargo fmu run loop.toml --watch --plot loop.html"
     )]
     Run(run::RunArgs),
+    /// Repeat the calls of a trace, and show the first difference
+    #[command(
+        after_help = "Exit code: 0 if the FMUs do the same as in the trace, 1 if one differs.
+
+Examples:
+  cargo fmu simulate loop.toml --trace loop.jsonl
+  cargo fmu replay loop.jsonl                          with the same FMUs
+  cargo fmu replay loop.jsonl new/Motor.fmu --component motor
+                                                       with a new version
+  cargo fmu replay loop.jsonl --component motor --c motor.c
+                                                       as a C program
+  cargo fmu replay loop.jsonl --print"
+    )]
+    Replay(replay::ReplayArgs),
     /// Simulate a system with many parameter sets; write the metrics of each run
     #[command(after_help = "An interrupted sweep resumes when it is started again.
 
@@ -212,6 +226,7 @@ fn execute(command: Command) -> Result<ExitCode> {
             let session = Session::end_when_interrupted()?;
             return validate::run(&args, &session, out).map(code);
         }
+        Command::Replay(args) => return replay::run(args, out),
         Command::Simulate(args) => return simulate::run(args, out),
         Command::Run(args) => return run::run(args, out),
         Command::Sweep(args) => return sweep::run(&args, out),

@@ -22,6 +22,7 @@ mod observed;
 mod outcome;
 mod quick;
 pub mod real_time;
+mod repeat;
 mod resources;
 #[cfg(feature = "sandbox")]
 mod sandbox;
@@ -39,6 +40,7 @@ pub use logger::{LogMessage, OnIntermediate, stray_messages};
 pub use observed::{CallObserver, Direction, Element, ObservedCall};
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use quick::{NotOk, StepVariables};
+pub use repeat::{RepeatedCall, RepeatedStates};
 pub use resources::{resource_path, uri};
 pub use shared_memory::SharedMemory;
 pub use types::{

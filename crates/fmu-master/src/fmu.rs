@@ -128,6 +128,14 @@ impl Fmu {
         }
     }
 
+    /// The value reference of a variable, if it is accessed by this type or all types share the references.
+    pub(crate) fn reference(&self, name: &str, access: Option<Type>) -> Option<u32> {
+        let scalar = self.index.get(name).copied();
+        let scalar = scalar.or_else(|| self.arrays.get(name).map(|elements| elements.start))?;
+        let is_same = access.is_none_or(|access| self.access_type(scalar) == access);
+        is_same.then(|| self.variable(scalar).reference)
+    }
+
     /// Its binary, unless it is a function.
     pub(crate) fn binary(&self) -> Option<&UnpackedBinary> {
         match &self.code {

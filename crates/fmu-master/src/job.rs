@@ -14,6 +14,7 @@ use crate::function::Computed;
 use crate::run::{self, Report};
 use crate::stepped_fmu::{self, Setup};
 use crate::sweep::{self, SweepSource};
+use crate::trace::{self, ReplaySource};
 use crate::vector::{self, ShareSource};
 use crate::{
     Description, Observation, Overrides, Plan, Signature, StartValue, is_fmu, locate, table,
@@ -33,6 +34,8 @@ pub enum Job {
     Sweep(SweepSource),
     /// An FMU that is stepped by hand: its requests follow.
     Step(Setup),
+    /// The calls of a trace.
+    Replay(ReplaySource),
     /// Instances of an FMU that are stepped together: their tasks follow.
     Vector(ShareSource),
 }
@@ -73,6 +76,7 @@ pub fn serve(service: &mut Service) -> Result<()> {
             }
             Job::Sweep(source) => return sweep::serve(service, &source),
             Job::Step(setup) => return stepped_fmu::serve(service, &setup),
+            Job::Replay(source) => return trace::serve(service, &source),
             Job::Vector(share) => return vector::serve(service, &share),
         }
     }

@@ -21,7 +21,7 @@ pub(crate) enum Report<'a> {
     /// The run needs the outputs of a function.
     Call(FunctionCall),
     /// The run has reached its end.
-    Completed(Completed),
+    Completed(Box<Completed>),
     /// The run has failed, or cannot begin.
     Failed(Box<RunError>),
 }

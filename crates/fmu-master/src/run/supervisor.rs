@@ -176,6 +176,7 @@ pub fn supervise(
                         |ended| !matches!(ended, Ended::Exited(status) if status.code().is_some()),
                     ),
                 };
+                let completed = *completed;
                 let run = SupervisedRun { ready, completed, rows: count, crash };
                 return Ok(RunOutcome::Finished(Box::new(run)));
             }

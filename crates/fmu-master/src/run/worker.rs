@@ -53,7 +53,7 @@ pub fn serve<P: Borrow<Plan>>(
         }
         true
     });
-    service.reply(&completed.map_or_else(Report::Failed, Report::Completed));
+    service.reply(&completed.map(Box::new).map_or_else(Report::Failed, Report::Completed));
     // The binaries are unloaded when the plan is dropped, which no longer matters to the run.
     Ok(())
 }

@@ -2,13 +2,14 @@
 
 use anyhow::{Context, Result, ensure};
 use fmu_description::Value;
+use serde::{Deserialize, Serialize};
 
 use super::column::{Cell, Series, number};
 use super::read::{rounding, times};
 
 /// How far numbers may be apart: `absolute + relative * LARGEST`, with the largest magnitude of the variable
 /// in the first table.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Tolerance {
     /// In the unit of the variable.
     pub absolute: f64,

@@ -4,10 +4,18 @@
 //! after it, so that the file of a run whose FMU crashes ends with the call in which it does.
 
 mod element;
+mod print;
+mod program;
+mod read;
 mod recorder;
+mod replay;
 
+pub use print::print_calls;
+pub use program::write_program;
+pub use read::{Trace, TracedCall, TracedComponent};
 pub(crate) use recorder::Recorder;
 pub use recorder::close;
+pub use replay::{Difference, ReplayEnd, ReplaySource, Replayed, serve, supervise};
 
 /// The version of the format.
 pub const VERSION: u64 = 1;
