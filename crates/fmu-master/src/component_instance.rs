@@ -506,22 +506,39 @@ impl<'a> ComponentInstance<'a> {
         let Some(mut parameters) = self.parameters.take() else { return Ok(()) };
         let changed = parameters.change(time);
         if !changed.is_empty() {
-            let is_event = self.in_event(Integrator::enter_event_mode)?.unwrap_or(false);
-            for (parameter, values) in &changed {
-                let set = accessor("set", self.fmu.version, parameter.access_type);
-                self.set(parameter.access_type, set, &parameter.scalars, values)?;
-            }
-            // Else the next step begins with the event.
-            if is_event {
-                self.in_event(|integrator, recorded| integrator.leave_event_mode(recorded, time))?;
-            }
+            self.in_event(time, |component| {
+                for (parameter, values) in &changed {
+                    let set = accessor("set", component.fmu.version, parameter.access_type);
+                    component.set(parameter.access_type, set, &parameter.scalars, values)?;
+                }
+                Ok(())
+            })?;
         }
         self.parameters = Some(parameters);
         Ok(())
     }
 
+    /// Sets inputs and tunable parameters at a communication point (s).
+    pub(crate) fn change_starts(&mut self, starts: &ComponentStarts<'_>, time: f64) -> CallResult {
+        match starts.scalars().next() {
+            Some(_) => self.in_event(time, |component| component.set_starts(starts, |_| true)),
+            None => Ok(()),
+        }
+    }
+
+    /// Sets something in event mode, if it is a component of model exchange.
+    fn in_event(&mut self, time: f64, set: impl FnOnce(&mut Self) -> CallResult) -> CallResult {
+        let is_event = self.integrate(Integrator::enter_event_mode)?.unwrap_or(false);
+        set(self)?;
+        // Else the next step begins with the event.
+        if is_event {
+            self.integrate(|integrator, recorded| integrator.leave_event_mode(recorded, time))?;
+        }
+        Ok(())
+    }
+
     /// Calls functions for the event in which parameters change, if it is a component of model exchange.
-    fn in_event<T>(
+    fn integrate<T>(
         &mut self,
         call: impl FnOnce(&mut Integrator<'a>, &mut RecordedInstance) -> IntegrationResult<T>,
     ) -> CallResult<Option<T>> {

@@ -1,10 +1,11 @@
-//! The state of a component between two steps, in memory: saved, restored any number of times, and forgotten.
+//! The state of a component between two steps: saved in memory, restored any number of times, and forgotten; or serialized
+//! for a file.
 
 use fmu_host::{FmuState, Instance, Success};
 
-use crate::Fmu;
 use crate::component_instance::{CallResult, ComponentInstance};
 use crate::integrator::Integrator;
+use crate::saved_run::{MAX_STATE, SavedComponent};
 
 /// The state of a component, to be forgotten with [`ComponentInstance::forget`].
 pub(crate) struct ComponentState<'a> {
@@ -12,23 +13,6 @@ pub(crate) struct ComponentState<'a> {
     integrator: Option<Box<Integrator<'a>>>,
     /// The row of the table whose values its tunable parameters have.
     table_row: Option<usize>,
-}
-
-impl Fmu {
-    /// Why the state of an instance cannot be saved and restored, if so.
-    pub(crate) fn unsavable(&self) -> Option<&'static str> {
-        if self.is_function() {
-            return Some("it is a function, which has no state that can be saved");
-        }
-        (!self.can_restore).then_some(match self.version {
-            fmu_description::FmiVersion::Fmi2 => {
-                "its model description does not declare canGetAndSetFMUstate"
-            }
-            fmu_description::FmiVersion::Fmi3 => {
-                "its model description does not declare canGetAndSetFMUState"
-            }
-        })
-    }
 }
 
 impl<'a> ComponentInstance<'a> {
@@ -79,5 +63,38 @@ impl<'a> ComponentInstance<'a> {
         self.call("free_fmu_state", "end of a state", |instance: &mut Instance| {
             instance.free_fmu_state(state.fmu)
         })
+    }
+
+    /// Its state as bytes; the state of its integration is separate.
+    pub(crate) fn serialize(&mut self) -> CallResult<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let mut saved = None;
+        self.save(&mut saved)?;
+        let Some(state) = saved else { return Ok(bytes) };
+        let serialized = self.call("serialize_fmu_state", "saving the state", |instance| {
+            bytes = instance.serialize_fmu_state(&state.fmu, MAX_STATE)?;
+            Ok(Success::Ok)
+        });
+        self.forget(state)?;
+        serialized.map(|()| bytes)
+    }
+
+    /// Returns to a state that was serialized, possibly by another process.
+    pub(crate) fn deserialize(&mut self, saved: &SavedComponent) -> CallResult {
+        let what = "loading the state";
+        let mut state = None;
+        self.call("deserialize_fmu_state", what, |instance| {
+            state = Some(instance.deserialize_fmu_state(&saved.state)?);
+            Ok(Success::Ok)
+        })?;
+        let Some(fmu) = state else { return Ok(()) };
+        let state = ComponentState { fmu, integrator: None, table_row: None };
+        let set = self.call("set_fmu_state", what, |i| i.set_fmu_state(&state.fmu));
+        let forgotten = self.forget(state);
+        set.and(forgotten)?;
+        if let (Some(integrator), Some(saved)) = (&mut self.integrator, &saved.integrator) {
+            integrator.set_state(saved);
+        }
+        Ok(())
     }
 }

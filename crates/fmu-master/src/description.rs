@@ -75,6 +75,12 @@ pub struct Description {
     /// Whether the step follows from the stop time, because neither an FMU nor its user gives one.
     #[serde(skip)]
     pub is_step_derived: bool,
+    /// The file to which the state of a run is saved at the stop time.
+    #[serde(skip)]
+    pub save_state: Option<PathBuf>,
+    /// The file with the saved state from which a run begins.
+    #[serde(skip)]
+    pub load_state: Option<PathBuf>,
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
     pub is_single: bool,
@@ -109,6 +115,16 @@ pub enum Order {
     Sequential,
     /// All components at once, using the outputs before the step (Jacobi).
     Parallel,
+}
+
+impl Order {
+    /// Its name in a system file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sequential => "sequential",
+            Self::Parallel => "parallel",
+        }
+    }
 }
 
 /// An instance of an FMU.
@@ -156,7 +172,7 @@ pub struct Connection {
 }
 
 /// The input is `factor` times the output plus `offset`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Conversion {
     /// The factor.
     pub factor: f64,

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use anyhow::{Result, ensure};
 use fmu_description::{Type, Variability};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::component_instance::{CallResult, ComponentInstance};
 use crate::components::{LoadedComponent, ScalarId};
@@ -16,7 +16,7 @@ use crate::connections::ResolvedConnection;
 use crate::store::{Place, Store};
 
 /// What the inputs of a component are between communication points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Inputs {
     /// The values that were set last.

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail, ensure};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::random::Draw;
 use crate::store::Store;
 use crate::{Experiment, Place};
 
 /// A fault of a connection: its effect on the value of the output, and when it acts.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
     effect: Effect,
     /// It acts from `start` until shortly before `stop` (s).
@@ -19,7 +19,7 @@ pub struct Fault {
 }
 
 /// The effect of a fault. Amounts are in the unit of the output.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 enum Effect {
     /// Adds normally distributed numbers with this deviation.
     Noise(f64),
@@ -135,7 +135,7 @@ pub(crate) struct FaultState {
     /// Its rank among all faults of the system, so that each has random numbers of its own.
     rank: u64,
     /// The values on their way through a delay, or the last one that has arrived.
-    memory: Vec<f64>,
+    pub(crate) memory: Vec<f64>,
 }
 
 /// The first rank of faults among random numbers; parameters of sweeps have those below.

@@ -61,7 +61,7 @@ pub struct Fmu {
     /// Whether it provides directional derivatives when it is run in this way.
     pub(crate) is_directional: bool,
     /// Whether its states can be saved and restored, when it is run in this way.
-    pub(crate) can_restore: bool,
+    pub(crate) saves: Saves,
 }
 
 /// A scalar variable, or an element of an array.
@@ -71,6 +71,13 @@ pub(crate) struct Scalar {
     pub(crate) variable: usize,
     /// Its index in the array.
     pub(crate) element: usize,
+}
+
+/// Whether states can be saved in memory, and as bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Saves {
+    pub(crate) in_memory: bool,
+    pub(crate) in_file: bool,
 }
 
 /// Values of structural parameters by their names.
@@ -106,7 +113,7 @@ impl Fmu {
             states: Vec::new(),
             jacobian: JacobianStructure::default(),
             is_directional: false,
-            can_restore: false,
+            saves: Saves { in_memory: false, in_file: false },
         }
     }
 
@@ -118,6 +125,14 @@ impl Fmu {
     /// Whether it is a function of this program.
     pub(crate) fn is_function(&self) -> bool {
         matches!(&self.code, Code::Function(_))
+    }
+
+    /// Its GUID or instantiation token.
+    pub(crate) fn token(&self) -> &str {
+        match &self.code {
+            Code::Binary(binary) => &binary.token,
+            Code::Function(_) => "",
+        }
     }
 
     /// If it was compiled from its sources, what was left out of its build description.

@@ -10,6 +10,7 @@ use fmu_host::Instance;
 use ode_methods::solver::{
     self, Advanced, DormandPrince, Events, OdeSystem, Rodas5p, Step, Workspace,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::fmu::{Fmu, JacobianStructure};
 use crate::recorded_instance::{IntegrationError, IntegrationResult, Operation, RecordedInstance};
@@ -61,6 +62,18 @@ struct InternalRecord<'a> {
     /// The next communication point (s).
     end: f64,
     points: Vec<(f64, Store)>,
+}
+
+/// What an integrator keeps between steps, which is saved in files. The rest is computed again at the start of a step.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct IntegratorState {
+    nominals: Vec<f64>,
+    /// The values at the end of the step before.
+    indicators: Vec<f64>,
+    is_in_event_mode: bool,
+    next: Option<f64>,
+    handled: f64,
+    restarts: bool,
 }
 
 impl<'a> Integrator<'a> {
@@ -241,6 +254,31 @@ impl<'a> Integrator<'a> {
     pub(crate) fn take_internal_steps(&mut self) -> Vec<(f64, Store)> {
         let internal = self.internal.as_mut();
         internal.map(|internal| std::mem::take(&mut internal.points)).unwrap_or_default()
+    }
+
+    /// What it keeps between steps.
+    pub(crate) fn state(&self) -> IntegratorState {
+        let Self { nominals, indicators, is_in_event_mode, next, handled, restarts, .. } = self;
+        IntegratorState {
+            nominals: nominals.clone(),
+            indicators: indicators.clone(),
+            is_in_event_mode: *is_in_event_mode,
+            next: *next,
+            handled: *handled,
+            restarts: *restarts,
+        }
+    }
+
+    /// Takes what an integrator of the same component has kept.
+    pub(crate) fn set_state(&mut self, state: &IntegratorState) {
+        let IntegratorState { nominals, indicators, is_in_event_mode, next, handled, restarts } =
+            state;
+        self.nominals.iter_mut().zip(nominals).for_each(|(to, from)| *to = *from);
+        self.indicators.iter_mut().zip(indicators).for_each(|(to, from)| *to = *from);
+        self.is_in_event_mode = *is_in_event_mode;
+        self.next = *next;
+        self.handled = *handled;
+        self.restarts = *restarts;
     }
 
     /// The number of continuous states.

@@ -168,8 +168,10 @@ impl LoadedSystem {
         system.overrides.observation = Observation::default();
         let last = self.0.take().and_then(|(mut last, plan)| {
             let last_starts = std::mem::take(&mut last.overrides.sets);
+            // The file of a saved state may have changed.
             let is_same = last == system
                 && plan.live.is_none()
+                && system.overrides.load_state.is_none()
                 && plan.sizes(&last_starts) == plan.sizes(&starts);
             is_same.then_some(plan)
         });

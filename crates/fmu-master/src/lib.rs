@@ -75,6 +75,7 @@ mod random;
 mod rate;
 mod recorded_instance;
 pub mod run;
+mod saved_run;
 mod similar;
 mod simulation;
 mod solver;

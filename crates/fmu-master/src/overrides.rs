@@ -57,6 +57,12 @@ pub struct Overrides {
     /// Values of inputs, with which there is no file.
     #[arg(skip)]
     pub given_inputs: Option<GivenInputs>,
+    /// Save the state of the run at the stop time to this file
+    #[arg(long, value_name = "FILE")]
+    pub save_state: Option<PathBuf>,
+    /// Begin from the state in this file, at its time, instead of an initialization
+    #[arg(long, value_name = "FILE", conflicts_with = "start")]
+    pub load_state: Option<PathBuf>,
     /// Folder of the FMUs [default: as in the system file]
     #[arg(long, value_name = "DIR")]
     pub fmus: Option<PathBuf>,
@@ -105,6 +111,8 @@ impl Overrides {
             description.input.clone_from(&self.input);
             description.given_inputs.clone_from(&self.given_inputs);
         }
+        description.save_state.clone_from(&self.save_state);
+        description.load_state.clone_from(&self.load_state);
         if let Some(folder) = &self.fmus {
             description.take_fmus_from(folder);
         }

@@ -1,7 +1,7 @@
 //! The plan of a run: a loaded and checked system, ready to simulate.
 
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Variable};
@@ -13,6 +13,7 @@ use crate::input_table::InputTable;
 use crate::live_input::{self, LiveInput};
 use crate::note::Note;
 use crate::rate;
+use crate::saved_run::{SavedRun, SystemIdentity};
 use crate::start::{ComponentStarts, StartValue, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
@@ -47,6 +48,10 @@ pub struct Plan {
     pub bounds: Vec<[Option<f64>; 2]>,
     /// Whether there are rows at the ends of the solver's steps, too: of one FMU whose step nobody has chosen.
     pub(crate) records_internal_steps: bool,
+    /// The state from which a run begins.
+    pub(crate) loaded: Option<SavedRun>,
+    /// The file to which the state is saved at the stop time, and the identity of the system.
+    pub(crate) save: Option<(PathBuf, SystemIdentity)>,
     /// Choices of the master that the user may want to override.
     notes: Vec<Note>,
 }
@@ -65,6 +70,16 @@ impl Plan {
     }
 
     fn load(description: &Description) -> Result<Self> {
+        let loaded = description.load_state.as_deref().map(SavedRun::read).transpose()?;
+        let continued = loaded.as_ref().map(|loaded| Description {
+            start: loaded.start,
+            step: match description.is_step_derived {
+                true => loaded.system.step,
+                false => description.step,
+            },
+            ..description.clone()
+        });
+        let description = continued.as_ref().unwrap_or(description);
         let experiment = description.experiment();
         experiment.steps()?;
         check_tolerance("tolerance", description.tolerance)?;
@@ -118,10 +133,38 @@ impl Plan {
             &recorded,
         );
         wiring.extrapolation.check(&components)?;
+        let (save, load) = (&description.save_state, &description.load_state);
+        if save.is_some() {
+            components.all.iter().try_for_each(|component| component.check_savable(true))?;
+            let last = experiment.steps()? - 1;
+            for component in components.all.iter().filter(|c| !c.rate.is_due(last)) {
+                let (name, step, stop) = (&component.name, component.rate.step, experiment.stop);
+                bail!(
+                    "stop = {stop:?} s is within a step of {name}, {step:?} s; the state can be saved only between its steps"
+                );
+            }
+        }
+        let mut identity = None;
+        if save.is_some() || load.is_some() {
+            let how = (experiment.step, description.order, description.seed);
+            identity = Some(SystemIdentity::new(how, &components, &connections)?);
+        }
+        if let (Some(loaded), Some(identity), Some(file)) = (&loaded, &identity, load) {
+            loaded.check(identity).with_context(|| file.display().to_string())?;
+            let (time, stop) = (experiment.time(loaded.k), experiment.stop);
+            ensure!(
+                loaded.k < experiment.steps()?,
+                "{}: the state is of t = {time:?} s, expected a stop time from there; got {stop:?} s",
+                file.display()
+            );
+        }
+        let save = save.clone().zip(identity);
         Ok(Self {
             execution: description.execution.clone(),
             order: description.order,
             wiring,
+            loaded,
+            save,
             columns: recorded.iter().zip(names).map(column).collect(),
             notes: notes(&components, &recorded).into_iter().chain(experiment.note()?).collect(),
             bounds: recorded.iter().map(bounds).collect(),
@@ -236,7 +279,9 @@ impl Plan {
         let values = loaded.starts.iter().chain(replaced.flat_map(|start| &start.values));
         let mut starts = ComponentStarts::new(values);
         if let (Some(table), None) = (&self.input, &self.live) {
-            starts.replace(table.parameters_at(component, self.experiment.start));
+            starts.replace(
+                table.parameters_at(component, self.last_setting(component, self.first())),
+            );
         }
         starts.check_arrays(&loaded.fmu, |scalar| loaded.name_of(scalar))?;
         Ok(starts)

@@ -4,10 +4,14 @@ mod advance;
 mod hosted;
 mod internal_steps;
 mod paced;
+mod resumed;
 mod row;
 mod saved;
 
+use std::collections::BTreeMap;
+
 use anyhow::{Result, bail};
+use fmu_description::Value;
 use fmu_host::Instance;
 
 pub use row::Row;
@@ -17,6 +21,7 @@ use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outpu
 use crate::components::{LoadedComponent, ScalarId};
 use crate::fault::FaultyConnection;
 use crate::pace::{Pace, Punctuality};
+use crate::saved_run::SavedRun;
 use crate::start::ComponentStarts;
 use crate::store::Store;
 use crate::table_inputs::TableInputs;
@@ -34,6 +39,9 @@ pub struct Simulation<'a> {
     faulty_connections: Vec<Vec<FaultyConnection>>,
     /// The snapshots that were made, by their numbers.
     saved: Vec<saved::Saved<'a>>,
+    /// The start values of each component by name, if the state is to be saved, and the saved state.
+    starts: Vec<BTreeMap<String, Value>>,
+    state: Option<SavedRun>,
     messages: Messages,
     /// Its pace, if it is paced by the clock.
     pace: Option<Box<Pace>>,
@@ -52,6 +60,8 @@ pub struct Finished {
     pub ended: Option<RunError>,
     /// How well it has kept the time, if it was paced by the clock.
     pub punctuality: Option<Punctuality>,
+    /// The state at the stop time, if it was to be saved.
+    pub(crate) state: Option<SavedRun>,
 }
 
 impl Plan {
@@ -62,8 +72,13 @@ impl Plan {
     /// An FMU returns an error; its message is included.
     pub fn simulate(&self, starts: &[StartValue], messages: &Messages) -> Result<Simulation<'_>> {
         let starts = self.all_starts(starts)?;
+        let changes = self.changes(&starts)?;
         let mut simulation = self.instantiate(&starts, messages)?;
-        simulation.ended = match simulation.initialize(&starts) {
+        let begun = simulation.initialize(&starts).and_then(|()| match &self.loaded {
+            Some(loaded) => simulation.resume(loaded, &changes),
+            None => Ok(()),
+        });
+        simulation.ended = match begun {
             Err(failure) if failure.ended.is_none() => bail!(*failure),
             initialized => initialized.err(),
         };
@@ -86,6 +101,11 @@ impl Plan {
     ) -> Result<Simulation<'_>> {
         messages.record().at(f64::NAN);
         messages.record().step(self.experiment.step);
+        let named = |(component, starts): (&LoadedComponent, &ComponentStarts<'_>)| {
+            let value = |scalar| Some((component.fmu.name(scalar), starts.get(scalar)?.clone()));
+            starts.scalars().filter_map(value).collect()
+        };
+        let saved = self.components.iter().zip(starts).filter(|_| self.save.is_some());
         let groups = self.components.iter().zip(&self.wiring.groups);
         let components =
             groups.zip(starts).enumerate().map(|(index, ((component, groups), starts))| {
@@ -98,6 +118,8 @@ impl Plan {
             row: Row::new(&self.columns),
             faulty_connections: self.wiring.faulty_connections.clone(),
             saved: Vec::new(),
+            starts: saved.map(named).collect(),
+            state: None,
             messages: messages.clone(),
             pace: None,
             ended: None,
@@ -108,7 +130,8 @@ impl Plan {
 impl Simulation<'_> {
     /// Initializes with the calls of FMPy, in its order.
     fn initialize(&mut self, starts: &[ComponentStarts<'_>]) -> CallResult {
-        self.enter_initialization(starts, true)?;
+        // A run that is saved may be continued for any time.
+        self.enter_initialization(starts, self.plan.save.is_none())?;
         self.exit_initialization(starts)
     }
 
@@ -145,8 +168,9 @@ impl Simulation<'_> {
                     (&loaded.fmu, &plan.wiring.groups[index], &starts[index]);
                 // Values that arrive are held, as those from other components are.
                 let table = plan.input.as_ref().filter(|_| plan.live.is_none());
+                let last = plan.last_setting(index, plan.first());
                 component.parameters =
-                    table.and_then(|t| TableParameters::new(t, index, fmu, starts, start));
+                    table.and_then(|t| TableParameters::new(t, index, fmu, starts, last));
                 let inputs = table.and_then(|t| TableInputs::new(t, index, fmu, groups, starts));
                 component.begin(inputs, loaded, (start, loaded.rate.step))
             })
@@ -195,6 +219,7 @@ impl Simulation<'_> {
         self.begin_pace();
         let is_plain = self.plan.wiring.is_plain
             && self.pace.is_none()
+            && self.plan.save.is_none()
             && self.plan.components.iter().all(LoadedComponent::is_plain);
         let steps = match (self.ended.take(), is_plain) {
             (Some(failure), _) => self.record_start(&mut observe).and(Err(failure)),
@@ -210,7 +235,8 @@ impl Simulation<'_> {
             Err(failure) => return Err(anyhow::Error::new(*failure)),
         };
         let (messages, last) = (self.messages.take(), std::mem::take(&mut self.row));
-        Ok(Finished { messages, last, ended, punctuality: self.punctuality() })
+        let (punctuality, state) = (self.punctuality(), self.state.take());
+        Ok(Finished { messages, last, ended, punctuality, state })
     }
 
     /// Reads the outputs of all components.
@@ -221,7 +247,7 @@ impl Simulation<'_> {
 
     /// Takes the values before the first step.
     fn record_start(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> CallResult {
-        self.row.time = self.plan.experiment.start;
+        self.row.time = self.plan.times().start;
         self.read_all::<false>()?;
         self.row.store.record::<false>(&self.plan.wiring.recorded_before, &self.outputs);
         if !self.plan.steps_from_stop() {
@@ -263,18 +289,19 @@ impl Simulation<'_> {
         let steps = self.plan.communication_steps();
         let failed_at = |time| move |failure: Box<RunError>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
-        self.read_all::<PLAIN>().map_err(failed_at(experiment.start))?;
+        let start = self.plan.times().start;
+        self.read_all::<PLAIN>().map_err(failed_at(start))?;
         if !PLAIN {
             let mut all = 0..self.components.len();
-            let read = all.try_for_each(|index| self.read_derivatives(index, experiment.start));
-            read.map_err(failed_at(experiment.start))?;
+            let read = all.try_for_each(|index| self.read_derivatives(index, start));
+            read.map_err(failed_at(start))?;
         }
         // The first step reads them at the same communication point, but in other calls.
         self.components.iter_mut().for_each(|component| component.recorded.calls.begin(None));
         if !PLAIN {
             self.begin_internal_steps();
         }
-        for k in 0..points {
+        for k in self.plan.first()..points {
             let time = experiment.time(k);
             self.messages.record().at(time);
             if !PLAIN {
@@ -285,6 +312,12 @@ impl Simulation<'_> {
             self.row.store.record::<PLAIN>(&wiring.recorded_before, &self.outputs);
             if !is_late && !observe(&self.row) {
                 break;
+            }
+            if let (false, Some((_, system))) = (PLAIN, &self.plan.save)
+                && k + 1 == points
+            {
+                let state = self.state(k, system).map_err(failed_at(time))?;
+                self.state = Some(state);
             }
             if k < steps {
                 let stepped = match PLAIN {

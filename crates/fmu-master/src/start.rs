@@ -171,6 +171,11 @@ impl<'a> ComponentStarts<'a> {
         self.0.keys().copied()
     }
 
+    /// The start value of a scalar.
+    pub(crate) fn get(&self, scalar: usize) -> Option<&'a Value> {
+        self.0.get(&scalar).copied()
+    }
+
     /// Checks that arrays of which elements are set can be set as a whole; `name_of` names a scalar in a message.
     ///
     /// # Errors

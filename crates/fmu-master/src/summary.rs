@@ -202,7 +202,7 @@ impl<'a> Summarizer<'a> {
     pub(crate) fn new(plan: &'a Plan) -> Self {
         let count = plan.columns.len();
         // Checked when the plan was made.
-        let steps = plan.experiment.steps().unwrap_or(0);
+        let steps = plan.experiment.steps().unwrap_or(0) - plan.first();
         let none = Extremes { min: f64::INFINITY, max: f64::NEG_INFINITY, squares: 0.0 };
         let window = steps / 10 / WINDOWS;
         Self {

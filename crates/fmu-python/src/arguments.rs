@@ -106,6 +106,8 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         given_inputs,
         execution: Execution { real_time },
         observation: observation(&arguments)?,
+        save_state: arguments.get("save_state")?,
+        load_state: arguments.get("load_state")?,
         compilation: Compilation {
             is_wanted: arguments.get("compile")?.unwrap_or_default(),
             cache: None,

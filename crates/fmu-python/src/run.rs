@@ -6,7 +6,7 @@ use std::process::Command;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use cargo_fmu::progress::Clock;
 use cargo_fmu::session::{Session, WORKER};
 use fmu_description::Value;
@@ -144,9 +144,23 @@ fn into_python(
     let messages = match outcome.end {
         None => Vec::new(),
         Some(Ok(completed)) => {
-            let Completed { messages, last, summary, duration, profile, ended, punctuality } =
-                completed;
+            let Completed {
+                messages,
+                last,
+                summary,
+                duration,
+                profile,
+                ended,
+                punctuality,
+                unsaved,
+            } = completed;
             dict.set_item("profile", profile.as_ref().map(words::profile))?;
+            if let Some(unsaved) = unsaved {
+                dict.set_item(
+                    "error",
+                    error_arguments(*RunError::new(anyhow!(unsaved), Vec::new())),
+                )?;
+            }
             dict.set_item("alarms", Vec::from_iter(summary.sentences()))?;
             dict.set_item("summary", statistics(py, &outcome.columns, &last, &summary)?)?;
             dict.set_item("ended", ended)?;
@@ -193,7 +207,7 @@ fn statistics<'py>(
 /// The start time, stop time and step (s) of a system.
 #[pyfunction]
 pub fn times(py: Python<'_>, system: &Bound<'_, PyDict>) -> PyResult<(f64, f64, f64)> {
-    let Experiment { start, stop, step } = plan(py, system)?.experiment;
+    let Experiment { start, stop, step } = plan(py, system)?.times();
     Ok((start, stop, step))
 }
 
@@ -203,8 +217,9 @@ pub fn points<'py>(
     py: Python<'py>,
     system: &Bound<'_, PyDict>,
 ) -> PyResult<Bound<'py, PyByteArray>> {
-    let Plan { experiment, .. } = plan(py, system)?;
-    let points = (0..=experiment.steps().map_err(error)?).map(|k| experiment.time(k));
+    let plan = plan(py, system)?;
+    let steps = plan.experiment.steps().map_err(error)?;
+    let points = (plan.first()..=steps).map(|k| plan.experiment.time(k));
     let bytes = Vec::from_iter(points.flat_map(f64::to_ne_bytes));
     Ok(PyByteArray::new(py, &bytes))
 }
@@ -426,7 +441,7 @@ fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result
         let now = Instant::now();
         rows = if now - looked < PERIOD / 2 { ROWS.min(2 * rows) } else { 1 };
         (looked, left) = (now, rows);
-        !host.look(Some((plan.experiment, row.time)))
+        !host.look(Some((plan.times(), row.time)))
     });
     outcome.columns.clone_from(&plan.columns);
     outcome.curves = curve::of_plan(plan);

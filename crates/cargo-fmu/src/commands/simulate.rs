@@ -163,6 +163,10 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
             if let (Some(count), Some(path)) = (finished.rows, rows) {
                 writeln!(out, "wrote {}: {}", path.display(), ui::count(count, "row"))?;
             }
+            let saved = args.changes.save_state.as_ref();
+            if let (Some(path), None) = (saved, &finished.completed.unsaved) {
+                writeln!(out, "wrote {}: the state of the run", path.display())?;
+            }
             draw(&finished.ready);
             if let Some(drawing) = drawing.into_inner() {
                 args.page.draw_runs(&stem(&args.system), || Ok(drawing.into_inner()), &mut out)?;
@@ -170,7 +174,10 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
             if let Some(ended) = finished.crash {
                 ui::warn(&format!("after the simulation, the process {ended}"));
             }
-            Ok(ExitCode::SUCCESS)
+            match finished.completed.unsaved {
+                Some(reason) => bail!(reason),
+                None => Ok(ExitCode::SUCCESS),
+            }
         }
         RunOutcome::Failed { error, rows } => {
             args.print(&error.messages);
@@ -231,7 +238,7 @@ impl SimulateArgs {
         session: &Session,
     ) -> Result<()> {
         let progress = Progress::new()?;
-        let mut overrides = self.changes.clone();
+        let mut overrides = Overrides { save_state: None, ..self.changes.clone() };
         overrides.execution.real_time = None;
         overrides.sets.retain(|(set, _)| !changes.iter().any(|(name, _)| name == set));
         overrides.sets.extend_from_slice(changes);
@@ -286,7 +293,8 @@ impl SimulateArgs {
         if input.clone().any(|file| is_standard_input(file)) {
             self.check_standard_input()?;
         }
-        for file in input.chain(over).filter(|file| !is_standard_input(file)) {
+        let read = input.chain(&self.changes.load_state).chain(over);
+        for file in read.filter(|file| !is_standard_input(file)) {
             let read = file.canonicalize();
             let read = read.with_context(|| format!("cannot read {}", file.display()))?;
             let trace = &self.changes.observation.trace;

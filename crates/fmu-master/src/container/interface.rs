@@ -97,11 +97,10 @@ impl Interface {
                 Some(format!("{} ({}): {}", c.name, c.fmu.file_name(), reason(&c.fmu)?))
             })
         };
-        let unsavable = state(Fmu::unsavable);
         let mut interface = Self {
             units: units(plan, &exposed),
-            unserializable: unsavable.clone(),
-            unsavable,
+            unserializable: state(Fmu::unserializable),
+            unsavable: state(Fmu::unsavable),
             is_single_instance: components.iter().any(|component| component.fmu.only_once),
             guid: String::new(),
             exposed,

@@ -13,7 +13,7 @@ use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_host::{InterfaceType, Limits};
 
 use super::files::FmuFiles;
-use super::{Fmu, JacobianStructure, Scalar, Sizes};
+use super::{Fmu, JacobianStructure, Saves, Scalar, Sizes};
 use crate::code::{Code, UnpackedBinary, find_binary, problem_categories};
 use crate::declarations::units;
 use crate::similar::with_similar_file;
@@ -142,10 +142,16 @@ impl Fmu {
                 FmiVersion::Fmi2 => "providesDirectionalDerivative",
                 FmiVersion::Fmi3 => "providesDirectionalDerivatives",
             }),
-            can_restore: interface.is_true(match model.version {
-                FmiVersion::Fmi2 => "canGetAndSetFMUstate",
-                FmiVersion::Fmi3 => "canGetAndSetFMUState",
-            }),
+            saves: match model.version {
+                FmiVersion::Fmi2 => Saves {
+                    in_memory: interface.is_true("canGetAndSetFMUstate"),
+                    in_file: interface.is_true("canSerializeFMUstate"),
+                },
+                FmiVersion::Fmi3 => Saves {
+                    in_memory: interface.is_true("canGetAndSetFMUState"),
+                    in_file: interface.is_true("canSerializeFMUState"),
+                },
+            },
         })
     }
 }

@@ -40,7 +40,7 @@ pub fn serve<P: Borrow<Plan>>(
     service.reply(&Report::Ready(Ready {
         components: plan.names(),
         is_paced: plan.execution.real_time.is_some(),
-        experiment: plan.experiment,
+        experiment: plan.times(),
         columns: plan.columns.clone(),
         curves: curve::of_plan(plan),
         notes: plan.notes(&starts),

@@ -1,6 +1,6 @@
 //! Snapshots of a run in memory, or of some of its components: saved between steps, and restored any number of times.
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 
 use super::{Row, Simulation};
 use crate::RunError;
@@ -46,10 +46,7 @@ impl<'a> Simulation<'a> {
     pub fn snapshot_of(&mut self, components: &[usize]) -> Result<Snapshot> {
         let components = components.iter().map(|&index| {
             let component = &self.plan.components[index];
-            if let Some(reason) = component.fmu.unsavable() {
-                let (name, file) = (&component.name, component.fmu.file_name());
-                bail!("the state of {name} ({file}) cannot be saved: {reason}");
-            }
+            component.check_savable(false)?;
             let faulty_connections = self.faulty_connections[index].clone();
             Ok(SavedComponent { index, state: None, faulty_connections })
         });

@@ -48,6 +48,8 @@ pub(super) struct SweepFile {
     pub(super) stop: Option<f64>,
     pub(super) step: Option<f64>,
     pub(super) order: Option<Order>,
+    /// The saved state from which all runs begin, relative to the folder of the sweep file.
+    pub(super) load_state: Option<PathBuf>,
     /// Start values of all runs, which override the system's.
     #[serde(default)]
     pub(super) set: BTreeMap<String, Literal>,

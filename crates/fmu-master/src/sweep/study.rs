@@ -78,8 +78,11 @@ impl Study {
             None => Description::open(&system)?,
         };
         file.overrides(&source.overrides).apply(&mut description);
+        let state = file.load_state.as_ref();
+        description.load_state = state.map(|state| source.file.with_file_name("").join(state));
         description.set_functions(&source.functions, compute)?;
-        let files = files(&system, &description);
+        let mut files = files(&system, &description);
+        files.extend(file.load_state.clone().zip(description.load_state.clone()));
         let system_text = source.system_text.as_deref();
         let fingerprint = fingerprint(text, system_text, files.iter().map(|(_, file)| &**file))?;
         let plan = Plan::new(&description)?;
@@ -108,7 +111,7 @@ impl Study {
 
     /// The row of a run without samples, because an FMU has refused it or ended its process.
     pub(super) fn row_without_samples(&self, index: u64, error: &RunError) -> Result<RunRow> {
-        let metrics = Metrics::unknown(error.time.unwrap_or(self.plan.experiment.start));
+        let metrics = Metrics::unknown(error.time.unwrap_or(self.plan.times().start));
         RunRow::new(index, &self.parameters, &metrics, Some(error))
     }
 

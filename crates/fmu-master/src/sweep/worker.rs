@@ -81,7 +81,7 @@ impl Study {
             Err(error) => Some(error.downcast::<RunError>()?),
         };
         if let Some(error) = &error {
-            metrics.diverge(error.time.unwrap_or(self.plan.experiment.start));
+            metrics.diverge(error.time.unwrap_or(self.plan.times().start));
         }
         RunRow::new(index, &self.parameters, &metrics.finish(), error.as_ref())
     }

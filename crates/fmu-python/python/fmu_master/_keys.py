@@ -125,6 +125,7 @@ SWEEP = {
     "stop": SECONDS,
     "step": SECONDS,
     "order": ORDER,
+    "load_state": Kind("a file with the saved state of a run", _is_file),
     "set": STARTS,
     "seed": WHOLE,
     "draws": WHOLE,

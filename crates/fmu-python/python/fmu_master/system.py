@@ -209,6 +209,8 @@ class System:
         tolerance: float | None = None,
         solver: str | None = None,
         interface: str | None = None,
+        save_state: str | os.PathLike[str] | None = None,
+        load_state: str | os.PathLike[str] | None = None,
         compile: bool = False,
         real_time: float | None = None,
         trace: str | os.PathLike[str] | None = None,
@@ -229,7 +231,7 @@ class System:
             As for `simulate`.
         tolerance, solver, interface, compile
             As for `simulate`, for all components.
-        real_time, trace, profile, in_process, progress, debug_logging
+        save_state, load_state, real_time, trace, profile, in_process, progress, debug_logging
             As for `simulate`.
 
         Raises
@@ -257,6 +259,10 @@ class System:
             "profile": profile,
             "trace": None if trace is None else Path(trace).absolute(),
         }
+        states = {"save_state": save_state, "load_state": load_state}
+        changes |= {k: Path(file).absolute() for k, file in states.items() if file is not None}
+        if load_state is not None and start_time is not None:
+            raise FmuError(f"start_time = {start_time}, but the state has a time; give only one")
         runner = self._runners[in_process] if self._runners else _runner(in_process, False)
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._turn)
@@ -302,6 +308,8 @@ def simulate(
     tolerance: float | None = None,
     solver: str | None = None,
     interface: str | None = None,
+    save_state: str | os.PathLike[str] | None = None,
+    load_state: str | os.PathLike[str] | None = None,
     compile: bool = False,
     real_time: float | None = None,
     trace: str | os.PathLike[str] | None = None,
@@ -333,6 +341,12 @@ def simulate(
         "implicit" if they are stiff.
     interface
         "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
+    save_state
+        File to which the state of the run is saved at the stop time, for a run that continues it.
+    load_state
+        File with a saved state of the same FMU or system. The run begins from it, at its time, and
+        has the rows that the first run would have had. Of start values, only those of inputs and
+        tunable parameters may differ.
     compile
         Compile FMUs that have C or C++ sources, but no binary for this machine.
     real_time
@@ -373,6 +387,8 @@ def simulate(
         tolerance=tolerance,
         solver=solver,
         interface=interface,
+        save_state=save_state,
+        load_state=load_state,
         compile=compile,
         real_time=real_time,
         trace=trace,
