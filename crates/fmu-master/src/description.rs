@@ -39,6 +39,12 @@ pub struct Description {
     /// Whether sequential stepping is allowed although outputs depend directly on each other.
     #[serde(default)]
     pub allow_algebraic_loops: bool,
+    /// What becomes of algebraic loops, in sequential order; by default, they are refused.
+    pub algebraic_loops: Option<AlgebraicLoops>,
+    /// The relative tolerance of loops that are iterated; 1e-6 by default.
+    pub loop_tolerance: Option<f64>,
+    /// The largest number of iterations of a loop in one step; 50 by default.
+    pub loop_iterations: Option<u32>,
     /// The relative tolerance of all components that have none of their own; by default, the tolerance of the
     /// default experiment of each FMU.
     pub tolerance: Option<f64>,
@@ -115,6 +121,21 @@ pub enum Order {
     Sequential,
     /// All components at once, using the outputs before the step (Jacobi).
     Parallel,
+    /// As sequential, but components that feed each other repeat their step until its inputs are the outputs after it
+    /// (strong coupling).
+    Implicit,
+}
+
+/// What becomes of algebraic loops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum AlgebraicLoops {
+    /// The system is refused.
+    Refuse,
+    /// One connection of each loop passes the output before the step.
+    Delay,
+    /// The loops are solved in each step.
+    Iterate,
 }
 
 impl Order {
@@ -241,6 +262,21 @@ impl Description {
     /// The times of the simulation.
     pub fn experiment(&self) -> Experiment {
         Experiment { start: self.start, stop: self.stop, step: self.step }
+    }
+
+    /// What becomes of algebraic loops.
+    ///
+    /// # Errors
+    /// Two keys disagree.
+    pub(crate) fn algebraic_loops(&self) -> Result<AlgebraicLoops> {
+        use AlgebraicLoops::{Delay, Refuse};
+        let allowed = if self.allow_algebraic_loops { Delay } else { Refuse };
+        let loops = self.algebraic_loops.unwrap_or(allowed);
+        ensure!(
+            !self.allow_algebraic_loops || loops == Delay,
+            "allow_algebraic_loops = true and algebraic_loops are given, expected one of them"
+        );
+        Ok(loops)
     }
 
     /// Makes components functions, by their names. `compute` computes the outputs of a function, by its number, at a time

@@ -62,7 +62,7 @@ impl RunError {
         Self { call: Some(call), reason, ..Self::without_call(outcome, None) }
     }
 
-    fn without_call(outcome: String, time: Option<f64>) -> Self {
+    pub(crate) fn without_call(outcome: String, time: Option<f64>) -> Self {
         let (call, reason, ended, advice) = (None, None, None, None);
         Self { call, outcome, time, reason, ended, advice, messages: Vec::new() }
     }

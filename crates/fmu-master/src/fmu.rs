@@ -55,6 +55,8 @@ pub struct Fmu {
     pub(crate) output_derivatives: usize,
     /// Whether it takes derivatives of its inputs, which only FMI 2.0 has.
     pub(crate) interpolates_inputs: bool,
+    /// The nominal values of variables that have one, by their indices.
+    nominals: HashMap<usize, f64>,
     /// The names of the continuous states and their derivatives.
     pub(crate) states: Vec<[String; 2]>,
     pub(crate) jacobian: JacobianStructure,
@@ -101,6 +103,7 @@ impl Fmu {
             variables,
             clocked: HashSet::new(),
             feedthrough: HashMap::new(),
+            nominals: HashMap::new(),
             units: Units::new(),
             tolerance: None,
             step: None,
@@ -197,6 +200,11 @@ impl Fmu {
     /// The first of these.
     pub(crate) fn first(&self, scalar: usize) -> usize {
         scalar - self.scalars[scalar].element
+    }
+
+    /// The nominal value of a scalar, a positive number; 1 if it has none.
+    pub(crate) fn nominal(&self, scalar: usize) -> f64 {
+        self.nominals.get(&self.scalars[scalar].variable).copied().unwrap_or(1.0)
     }
 
     /// The start value of a scalar in the model description.

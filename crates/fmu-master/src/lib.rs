@@ -25,6 +25,8 @@
 //! - [`Order::Sequential`] (Gauss-Seidel): one after the other, in the order of the description; each
 //!   first fetches its inputs from the newest outputs.
 //! - [`Order::Parallel`] (Jacobi): all outputs are read, all inputs are set, then all components step.
+//! - [`Order::Implicit`] (strong coupling): as in sequential order, but components that feed each other repeat their step
+//!   until its inputs are the outputs after it.
 //!
 //! # Rows
 //!
@@ -60,6 +62,7 @@ mod given_inputs;
 mod histogram;
 mod input_table;
 mod integrator;
+mod iterated_group;
 pub mod job;
 mod literal;
 mod live_input;
@@ -71,6 +74,7 @@ mod pace;
 mod package;
 mod plan;
 mod profile;
+mod quasi_newton;
 mod random;
 mod rate;
 mod recorded_instance;
@@ -95,7 +99,9 @@ mod wiring;
 
 pub use compilation::Compilation;
 pub use components::{Components, LoadedComponent};
-pub use description::{Component, Connection, Conversion, Description, Order, Sandbox};
+pub use description::{
+    AlgebraicLoops, Component, Connection, Conversion, Description, Order, Sandbox,
+};
 pub use error::{FailedCall, RunError};
 pub use execution::{Execution, check_factor};
 pub use experiment::Experiment;

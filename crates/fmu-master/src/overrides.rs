@@ -10,7 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::given_inputs::GivenInputs;
 use crate::{
-    Compilation, Description, Execution, Experiment, Literal, Observation, Order, Sandbox, Solver,
+    AlgebraicLoops, Compilation, Description, Execution, Experiment, Literal, Observation, Order,
+    Sandbox, Solver,
 };
 
 /// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
@@ -48,6 +49,15 @@ pub struct Overrides {
     /// Order of stepping
     #[arg(long)]
     pub order: Option<Order>,
+    /// What becomes of algebraic loops [default: refuse]
+    #[arg(long, value_name = "HOW")]
+    pub algebraic_loops: Option<AlgebraicLoops>,
+    /// Relative tolerance of loops that are iterated [default: 1e-6]
+    #[arg(long, value_name = "TOLERANCE")]
+    pub loop_tolerance: Option<f64>,
+    /// Maximum number of iterations of a loop in a step [default: 50]
+    #[arg(long, value_name = "COUNT")]
+    pub loop_iterations: Option<u32>,
     /// Variable to record; may be repeated
     #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
     pub outputs: Vec<String>,
@@ -96,6 +106,12 @@ impl Overrides {
         }
         description.output_step = self.output_step.or(description.output_step);
         description.order = self.order.unwrap_or(description.order);
+        if self.algebraic_loops.is_some() {
+            description.algebraic_loops = self.algebraic_loops;
+            description.allow_algebraic_loops = false;
+        }
+        description.loop_tolerance = self.loop_tolerance.or(description.loop_tolerance);
+        description.loop_iterations = self.loop_iterations.or(description.loop_iterations);
         description.tolerance = self.tolerance.or(description.tolerance);
         description.solver = self.solver.or(description.solver);
         for component in &mut description.components {

@@ -10,6 +10,7 @@ use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
 use crate::container::expose;
 use crate::input_table::InputTable;
+use crate::iterated_group::Schedule;
 use crate::live_input::{self, LiveInput};
 use crate::note::Note;
 use crate::rate;
@@ -18,9 +19,7 @@ use crate::start::{ComponentStarts, StartValue, scalar_literals};
 use crate::store::{number, places};
 use crate::table::Column;
 use crate::wiring::Wiring;
-use crate::{
-    Description, Execution, Experiment, Fmu, Literal, Order, Place, Solver, algebraic_loop,
-};
+use crate::{Description, Execution, Experiment, Fmu, Literal, Order, Place, Solver};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
@@ -35,6 +34,7 @@ pub struct Plan {
     /// The number of communication steps from one recorded row to the next.
     pub(crate) output_every: u64,
     pub(crate) order: Order,
+    pub(crate) schedule: Schedule,
     pub(crate) connections: Vec<ResolvedConnection>,
     pub(crate) input: Option<InputTable>,
     /// The rows of the input table, if they arrive while the run goes.
@@ -91,9 +91,6 @@ impl Plan {
             // The events of an FMU that no other one feeds do not wait for the next step.
             let is_fed = fed.contains(&index);
             component.sampled &= is_fed || !component.is_guess || !component.integrates();
-        }
-        if description.order == Order::Sequential && !description.allow_algebraic_loops {
-            algebraic_loop::check(&components, &connections)?;
         }
         let is_paced = description.execution.real_time.is_some();
         let is_live = |file: &Path| is_paced && live_input::is_stream(file);
@@ -162,6 +159,7 @@ impl Plan {
         Ok(Self {
             execution: description.execution.clone(),
             order: description.order,
+            schedule: Schedule::new(description, &components, &connections, &wiring)?,
             wiring,
             loaded,
             save,

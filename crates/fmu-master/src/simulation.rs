@@ -3,6 +3,7 @@
 mod advance;
 mod hosted;
 mod internal_steps;
+mod iteration;
 mod paced;
 mod resumed;
 mod row;
@@ -13,6 +14,7 @@ use std::collections::BTreeMap;
 use anyhow::{Result, bail};
 use fmu_description::Value;
 use fmu_host::Instance;
+use iteration::Evaluation;
 
 pub use row::Row;
 pub use saved::Snapshot;
@@ -20,6 +22,7 @@ pub use saved::Snapshot;
 use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outputs};
 use crate::components::{LoadedComponent, ScalarId};
 use crate::fault::FaultyConnection;
+use crate::iterated_group::Stage;
 use crate::pace::{Pace, Punctuality};
 use crate::saved_run::SavedRun;
 use crate::start::ComponentStarts;
@@ -42,6 +45,8 @@ pub struct Simulation<'a> {
     /// The start values of each component by name, if the state is to be saved, and the saved state.
     starts: Vec<BTreeMap<String, Value>>,
     state: Option<SavedRun>,
+    /// The iterated groups.
+    iterations: Vec<iteration::Iteration>,
     messages: Messages,
     /// Its pace, if it is paced by the clock.
     pace: Option<Box<Pace>>,
@@ -111,7 +116,7 @@ impl Plan {
             groups.zip(starts).enumerate().map(|(index, ((component, groups), starts))| {
                 ComponentInstance::new(index, component, groups, starts, messages)
             });
-        Ok(Simulation {
+        let mut simulation = Simulation {
             plan: self,
             components: components.collect::<Result<_>>()?,
             outputs: Store::new(self.wiring.counts),
@@ -120,10 +125,13 @@ impl Plan {
             saved: Vec::new(),
             starts: saved.map(named).collect(),
             state: None,
+            iterations: Vec::new(),
             messages: messages.clone(),
             pace: None,
             ended: None,
-        })
+        };
+        simulation.prepare_iterations()?;
+        Ok(simulation)
     }
 }
 
@@ -191,23 +199,46 @@ impl Simulation<'_> {
     /// Propagates initial outputs to inputs, once per component, since outputs may depend on inputs. Does not set inputs
     /// again to the same values, as an FMU may then compute its outputs again.
     fn propagate(&mut self) -> CallResult {
+        let plan = self.plan;
         let mut last = vec![None; self.components.len()];
         for _ in 0..=self.components.len() {
             let mut changed = false;
-            for (fed, feeding) in self.plan.wiring.feeding.iter().enumerate() {
-                let values =
-                    Some(get_feeding_outputs(&mut self.components, feeding, &mut self.outputs)?);
-                if last[fed] != values {
-                    self.components[fed].write_initially(&self.outputs)?;
-                    last[fed] = values;
-                    changed = true;
+            for stage in &plan.schedule.stages {
+                let fed = match stage {
+                    Stage::Component(index) => std::slice::from_ref(index),
+                    Stage::Group(number) => &*plan.schedule.groups[*number].components,
+                };
+                let values = Some(self.get_feeding(fed)?);
+                if last[fed[0]] == values {
+                    continue;
                 }
+                last[fed[0]] = match *stage {
+                    Stage::Component(index) => {
+                        self.components[index].write_initially(&self.outputs)?;
+                        values
+                    }
+                    Stage::Group(number) => {
+                        self.iterate(number, Evaluation::Initial)?;
+                        Some(self.get_feeding(fed)?)
+                    }
+                };
+                changed = true;
             }
             if !changed {
                 break;
             }
         }
         Ok(())
+    }
+
+    /// Gets the outputs that feed components.
+    fn get_feeding(&mut self, components: &[usize]) -> CallResult<Vec<Value>> {
+        let mut all = Vec::new();
+        for index in components {
+            let feeding = &self.plan.wiring.feeding[*index];
+            all.extend(get_feeding_outputs(&mut self.components, feeding, &mut self.outputs)?);
+        }
+        Ok(all)
     }
 
     /// Steps from the start to the stop time, or until `observe`, which receives the row of each
@@ -217,10 +248,7 @@ impl Simulation<'_> {
     /// A [`RunError`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         self.begin_pace();
-        let is_plain = self.plan.wiring.is_plain
-            && self.pace.is_none()
-            && self.plan.save.is_none()
-            && self.plan.components.iter().all(LoadedComponent::is_plain);
+        let is_plain = self.is_plain();
         let steps = match (self.ended.take(), is_plain) {
             (Some(failure), _) => self.record_start(&mut observe).and(Err(failure)),
             (None, true) => self.steps::<true>(&mut observe),
@@ -237,6 +265,16 @@ impl Simulation<'_> {
         let (messages, last) = (self.messages.take(), std::mem::take(&mut self.row));
         let (punctuality, state) = (self.punctuality(), self.state.take());
         Ok(Finished { messages, last, ended, punctuality, state })
+    }
+
+    /// Whether it steps in the fastest way.
+    fn is_plain(&self) -> bool {
+        let Plan { wiring, components, save, .. } = self.plan;
+        wiring.is_plain
+            && self.pace.is_none()
+            && save.is_none()
+            && self.iterations.is_empty()
+            && components.iter().all(LoadedComponent::is_plain)
     }
 
     /// Reads the outputs of all components.
@@ -370,7 +408,7 @@ impl Simulation<'_> {
     #[inline]
     fn step_plainly(&mut self, time: f64, step: f64) -> CallResult {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
-        if self.plan.order == Order::Sequential {
+        if self.plan.order != Order::Parallel {
             for component in components.iter_mut() {
                 component.cycle(outputs, time, step)?;
             }

@@ -44,6 +44,8 @@ pub(crate) struct Wiring {
     /// The connections with faults that lead to each component.
     pub(crate) faulty_connections: Vec<Vec<FaultyConnection>>,
     pub(crate) extrapolation: Extrapolation,
+    /// The places in the store of the outputs.
+    pub(crate) output_places: HashMap<ScalarId, Place>,
     /// The places in the store of the columns of the input table.
     pub(crate) table_places: Vec<Place>,
     /// The places in the store of the inputs that a host sets.
@@ -97,7 +99,7 @@ pub(crate) struct FeedingOutputs {
 
 impl FeedingOutputs {
     /// The outputs of the component and the type of an output, which are added if there are none yet.
-    fn entry<'a>(
+    pub(crate) fn entry<'a>(
         all: &'a mut Vec<Self>,
         components: &[LoadedComponent],
         output: ScalarId,
@@ -272,6 +274,7 @@ impl Wiring {
             recorded_after,
             faulty_connections,
             extrapolation,
+            output_places,
             table_places,
             host_places,
             is_plain,

@@ -7,7 +7,7 @@
 mod explicit;
 mod implicit;
 mod linearization;
-mod lu;
+pub mod lu;
 
 use alloc::boxed::Box;
 use alloc::vec;

@@ -80,7 +80,7 @@ impl Fmu {
             "its variables have {count} elements, expected at most {MAX_VARIABLES}"
         );
         let mut variables = Vec::new();
-        let mut clocked = HashSet::new();
+        let (mut clocked, mut nominals) = (HashSet::new(), HashMap::new());
         let mut scalars = Vec::with_capacity(count);
         let mut index = HashMap::with_capacity(count);
         let mut arrays = HashMap::new();
@@ -98,6 +98,9 @@ impl Fmu {
             if v.element.attribute("clocks").is_some() {
                 clocked.insert(variable);
             }
+            let nominal = v.inherited("nominal").and_then(|text| text.trim().parse().ok());
+            let nominal = nominal.map(f64::abs).filter(|n| n.is_finite() && *n > 0.0);
+            nominals.extend(nominal.map(|nominal| (variable, nominal)));
             variables.push(Variable::clone(v));
         }
         Ok(Self {
@@ -111,6 +114,7 @@ impl Fmu {
             variables,
             scalars,
             clocked,
+            nominals,
             index,
             arrays,
             units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),

@@ -2,6 +2,7 @@
 
 use super::Simulation;
 use crate::component_instance::CallResult;
+use crate::iterated_group::Stage;
 use crate::rate::Rate;
 use crate::{LoadedComponent, Order};
 
@@ -10,15 +11,14 @@ impl Simulation<'_> {
     /// experiment unless a component has a step of its own: passes values to inputs, has the components step in their
     /// order, and gets their outputs. Records nothing, and takes values from the input file only within the step.
     pub(crate) fn advance(&mut self, k: u64, time: f64, step: f64) -> CallResult {
-        let all = 0..self.components.len();
-        if self.plan.order == Order::Sequential {
-            for index in all {
-                self.feed_component(index, k, time, step)?;
-                self.step_component(index, k, time, step)?;
-                self.read_component(index, k, time + step)?;
-            }
-            return Ok(());
+        let plan = self.plan;
+        if plan.order != Order::Parallel {
+            return plan.schedule.stages.iter().try_for_each(|stage| match *stage {
+                Stage::Component(index) => self.advance_component(index, k, time, step),
+                Stage::Group(number) => self.advance_group(number, k, time, step),
+            });
         }
+        let all = 0..self.components.len();
         for index in all.clone() {
             self.feed_component(index, k, time, step)?;
         }
@@ -28,9 +28,28 @@ impl Simulation<'_> {
         all.into_iter().try_for_each(|index| self.read_component(index, k, time + step))
     }
 
+    /// Advances a component with the newest inputs.
+    pub(super) fn advance_component(
+        &mut self,
+        index: usize,
+        k: u64,
+        time: f64,
+        step: f64,
+    ) -> CallResult {
+        self.feed_component(index, k, time, step)?;
+        self.step_component(index, k, time, step)?;
+        self.read_component(index, k, time + step)
+    }
+
     /// Passes the newest outputs to the inputs of a component that steps now, by connections that may have faults, after
     /// its tunable parameters that change.
-    fn feed_component(&mut self, index: usize, k: u64, time: f64, step: f64) -> CallResult {
+    pub(super) fn feed_component(
+        &mut self,
+        index: usize,
+        k: u64,
+        time: f64,
+        step: f64,
+    ) -> CallResult {
         // Faults act in each communication step.
         let connections = self.faulty_connections[index].iter_mut();
         connections.for_each(|connection| connection.carry(k, time, step, &mut self.outputs));
@@ -43,7 +62,13 @@ impl Simulation<'_> {
     }
 
     /// Has a component take its steps in this communication step.
-    fn step_component(&mut self, index: usize, k: u64, time: f64, step: f64) -> CallResult {
+    pub(super) fn step_component(
+        &mut self,
+        index: usize,
+        k: u64,
+        time: f64,
+        step: f64,
+    ) -> CallResult {
         let rate = self.plan.components[index].rate;
         if rate.is_of_system() {
             return self.components[index].step_measured(time, step);
@@ -83,7 +108,7 @@ impl Simulation<'_> {
 
     /// Gets the outputs of a component at their time: of a sampled one after its step, of others when the communication
     /// steps reach the end of its step (s).
-    fn read_component(&mut self, index: usize, k: u64, end: f64) -> CallResult {
+    pub(super) fn read_component(&mut self, index: usize, k: u64, end: f64) -> CallResult {
         let LoadedComponent { rate, sampled, .. } = self.plan.components[index];
         let is_time = if sampled { self.is_due(index, k) } else { rate.ends(k) };
         if is_time {

@@ -3,11 +3,11 @@
 use fmu_description::Value;
 
 use super::Simulation;
+use crate::Place;
 use crate::access_list::{AccessList, accessor};
 use crate::component_instance::CallResult;
 use crate::components::ScalarId;
 use crate::start::ComponentStarts;
-use crate::{LoadedComponent, Place};
 
 impl Simulation<'_> {
     /// Initializes until values can be read, with the stop time of the experiment if it `has_stop`.
@@ -53,8 +53,7 @@ impl Simulation<'_> {
         let time = plan.experiment.time(k);
         self.messages.record().at(time);
         self.feed(time).map_err(|failure| failure.at(time))?;
-        let integrates = plan.components.iter().any(LoadedComponent::integrates);
-        let stepped = match plan.wiring.is_plain && !integrates {
+        let stepped = match self.is_plain() {
             true => self.step_plainly(time, step),
             false => self.advance(k, time, step),
         };

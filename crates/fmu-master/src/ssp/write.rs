@@ -73,12 +73,14 @@ impl Package {
 
 fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> Vec<String> {
     let mut warnings = Vec::new();
-    if plan.order == Order::Sequential {
-        warnings.push(
-            "cannot state that the system steps in sequential order; most tools step in parallel"
-                .into(),
-        );
-    }
+    let order = match plan.order {
+        Order::Sequential => Some("sequential"),
+        Order::Implicit => Some("implicit"),
+        Order::Parallel => None,
+    };
+    warnings.extend(order.map(|order| {
+        format!("cannot state that the system steps in {order} order; most tools step in parallel")
+    }));
     let components = &description.components;
     let has_tolerance =
         description.tolerance.is_some() || components.iter().any(|c| c.tolerance.is_some());
@@ -91,6 +93,7 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
         ("tolerance", has_tolerance),
         ("solver", has_solver),
         ("sampled", components.iter().any(|c| c.sampled.is_some())),
+        ("algebraic_loops", description.algebraic_loops.is_some()),
     ] {
         if is_given {
             warnings.push(format!("leaves out the key {key}, which SSP does not know"));

@@ -74,9 +74,22 @@ STEP = Kind(
     f'{SECONDS.expected}, or "{DEFAULT_EXPERIMENT}"',
     lambda value: is_number(value) or value == DEFAULT_EXPERIMENT,
 )
-SOLVER = Kind('"explicit" or "implicit"', lambda value: value in ("explicit", "implicit"))
-INPUTS = Kind('"held" or "extrapolated"', lambda value: value in ("held", "extrapolated"))
-ORDER = Kind('"sequential" or "parallel"', lambda value: value in ("sequential", "parallel"))
+
+
+def _one_of(*names: str) -> Kind:
+    *others, last = [f'"{name}"' for name in names]
+    return Kind(f"{', '.join(others)} or {last}", lambda value: value in names)
+
+
+SOLVER = _one_of("explicit", "implicit")
+INPUTS = _one_of("held", "extrapolated")
+ORDER = _one_of("sequential", "parallel", "implicit")
+LOOPS = {
+    "algebraic_loops": _one_of("refuse", "delay", "iterate"),
+    "loop_tolerance": NUMBER,
+    "loop_iterations": WHOLE,
+}
+"""The keys of iterated loops."""
 
 SYSTEM = {
     "components": Kind("a dict from names to FMUs", _is_map),
@@ -91,6 +104,7 @@ SYSTEM = {
     "tolerance": NUMBER,
     "solver": SOLVER,
     "allow_algebraic_loops": FLAG,
+    **LOOPS,
     "seed": WHOLE,
 }
 """The keys of a system."""

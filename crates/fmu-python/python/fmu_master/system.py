@@ -44,7 +44,7 @@ class System:
         keys `fmu`, `start`, `interface`, `step`, `inputs`, `sampled`, `tolerance` and `solver`, or to a
         `python_component`; `connections` has pairs (output, input), texts "component.output ->
         component.input" or dicts; `start`, `stop`, `step` and `output_step` are in s; `order` is
-        "sequential" or "parallel", `solver` "explicit" or "implicit".
+        "sequential", "parallel" or "implicit", `solver` "explicit" or "implicit".
 
     Examples
     --------
@@ -206,6 +206,9 @@ class System:
         input: Input | None = None,
         output: Sequence[str] | None = None,
         order: str | None = None,
+        algebraic_loops: str | None = None,
+        loop_tolerance: float | None = None,
+        loop_iterations: int | None = None,
         tolerance: float | None = None,
         solver: str | None = None,
         interface: str | None = None,
@@ -226,7 +229,11 @@ class System:
         start_values
             Start values by `component.variable`; enumerations by the names of their items.
         order
-            "sequential" or "parallel".
+            "sequential", "parallel" or "implicit".
+        algebraic_loops
+            What becomes of algebraic loops: "refuse", "delay" or "iterate".
+        loop_tolerance, loop_iterations
+            The relative tolerance of iterated loops, and the largest number of iterations.
         start_time, stop_time, step_size, output_step, input, output
             As for `simulate`.
         tolerance, solver, interface, compile
@@ -244,12 +251,19 @@ class System:
         flags["profile"] = profile
         _keys.check(flags, dict.fromkeys(flags, _keys.FLAG))
         _keys.check({"trace": trace}, {"trace": _keys.FILE})
+        loops = {
+            "algebraic_loops": algebraic_loops,
+            "loop_tolerance": loop_tolerance,
+            "loop_iterations": loop_iterations,
+        }
+        _keys.check(loops, _keys.LOOPS)
         changes: dict[str, Any] = {
             "start": start_time,
             "stop": stop_time,
             "step": step_size,
             "output_step": output_step,
             "order": order,
+            **loops,
             "tolerance": tolerance,
             "solver": solver,
             "outputs": one_or_more(output or ()),

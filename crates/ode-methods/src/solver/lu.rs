@@ -2,7 +2,7 @@
 
 /// Replaces a square matrix, row by row, by its factors, and notes the exchanges of rows in `pivots`. Returns false if the
 /// matrix is singular or not finite. The zeros of sparse matrices cost little time.
-pub(super) fn factorize(matrix: &mut [f64], pivots: &mut [usize]) -> bool {
+pub fn factorize(matrix: &mut [f64], pivots: &mut [usize]) -> bool {
     let n = pivots.len();
     for k in 0..n {
         let largest = (k..n).fold(k, |largest, row| {
@@ -33,7 +33,7 @@ pub(super) fn factorize(matrix: &mut [f64], pivots: &mut [usize]) -> bool {
 }
 
 /// Replaces the right side of the equations by their solution, from what [`factorize`] has left.
-pub(super) fn solve(factors: &[f64], pivots: &[usize], right: &mut [f64]) {
+pub fn solve(factors: &[f64], pivots: &[usize], right: &mut [f64]) {
     let n = pivots.len();
     for (k, &pivot) in pivots.iter().enumerate() {
         right.swap(k, pivot);
