@@ -144,6 +144,7 @@ impl Order {
         match self {
             Self::Sequential => "sequential",
             Self::Parallel => "parallel",
+            Self::Implicit => "implicit",
         }
     }
 }
