@@ -8,4 +8,7 @@
 mod contact;
 mod robertson;
 
-fmu_export::export!(contact::Contact, robertson::Robertson);
+pub use contact::Contact;
+pub use robertson::Robertson;
+
+fmu_export::export!(Contact, Robertson);
