@@ -136,6 +136,22 @@ def test_run_builds_and_simulates_again_after_a_change(workspace: Path, tmp_path
     assert process.returncode == 128 + signal.SIGTERM
 
 
+def test_an_export_has_the_references_of_the_package(exported: Path, tmp_path: Path) -> None:
+    """The page on references has the same experiment."""
+    own = exported / "Own.fmu"
+    related = [
+        line.split(": ")[0].split("/")[-1]
+        for line in run(PROGRAM, "info", own, cwd=tmp_path).splitlines()
+        if "fmi-ls-ref/" in line
+    ]
+    assert related == ["experiments.exp", "length.ssv", "sums.csv"]
+    csv = tmp_path / "sums.csv"
+    run(PROGRAM, "simulate", own, "--experiment", "sum", "--csv", csv, cwd=tmp_path)
+    assert read_csv(csv)["y"].tolist() == [0.0, 1.25, 2.25, 3.25]
+    run(PROGRAM, "simulate", own, "--parameters", "length", "--stop=1", "--csv", csv, cwd=tmp_path)
+    assert read_csv(csv)["y"][-1] == 2.25
+
+
 # --- selecting packages and features --------------------------------------------------------------
 
 

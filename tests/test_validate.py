@@ -284,6 +284,9 @@ OTHER_VIOLATIONS = {
     "input-events": "test_events_by_inputs_that_co_simulation_ignores_are_found",
     "memory-functions": "test_memory_of_the_host_is_not_used_unless_the_xml_says_so",
     "not-tested": "test_what_there_was_no_time_for_is_named",
+    "default-results": "test_a_result_without_experiment_is_that_of_the_default_experiment",
+    "experiment-results references-exist references-form references-readable references-variables":
+        "test_the_validator_compares_reference_results_and_checks_the_files",
     "sources-compile": "test_sources_that_do_not_compile_are_found",
     "sources-results": "test_results_of_compiled_sources_are_compared_with_the_binary",
     "utf-8": "test_other_encodings_are_read",

@@ -77,7 +77,9 @@ pub fn note(note: &Note) -> String {
         NoteOptions { record_before: "use --sampled false", record: "--output can record" };
     let text = note.text(&OPTIONS);
     match note {
-        Note::RecordedAfterStep(_) | Note::Deprecated { .. } => format!("note: {text}"),
+        Note::RecordedAfterStep(_) | Note::Deprecated { .. } | Note::ParametersIgnored { .. } => {
+            format!("note: {text}")
+        }
         _ => text,
     }
 }

@@ -1,6 +1,6 @@
 //! The files of an FMU other than the model description and the binaries: an HTML page generated from
-//! the model description and the package's folder `documentation/<MODEL>/`, an icon, the licences, and
-//! the package's folder `resources/`.
+//! the model description and the package's folder `documentation/<MODEL>/`, an icon, the licences, the
+//! package's folder `resources/`, and its folder `references/<MODEL>/`.
 
 use std::fs;
 use std::path::Path;
@@ -13,6 +13,7 @@ use fmu_file::archive::{DOCUMENTATION, ICON, ICON_3, TERMINALS};
 use crate::library::{ModelLibrary, NamedFile, read};
 use crate::model::BuiltModel;
 use crate::page;
+use crate::references;
 
 /// An HTML fragment in the folder of a model, the middle of the page. `<!-- include FILE -->` is replaced by
 /// a file of the same folder.
@@ -61,6 +62,7 @@ pub fn files(model: &BuiltModel<'_>, metadata: &Metadata) -> Result<Vec<NamedFil
     files.extend(icon);
     let resources = read(&folder.join("resources")).context("the resources cannot be used")?;
     files.extend(resources.into_iter().map(below("resources")));
+    files.extend(references::files(folder, &model.base)?);
     files.extend(model.sources.iter().flat_map(|sources| sources.files.clone()));
     Ok(files)
 }

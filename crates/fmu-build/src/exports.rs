@@ -151,7 +151,7 @@ impl Export {
         paths.retain(|path| !path.starts_with(target));
         paths
             .extend([manifest.clone(), settings.metadata.workspace_root.join("Cargo.toml").into()]);
-        for folder in ["documentation", "resources"] {
+        for folder in ["documentation", "references", "resources"] {
             add_with_contents(library.folder.join(folder), &mut paths);
         }
         let state = |path: PathBuf| State::of(canonical(&path)?);

@@ -16,6 +16,7 @@ mod library;
 mod missing;
 mod model;
 mod page;
+mod references;
 mod sources;
 pub mod table;
 mod toolchain;

@@ -10,6 +10,7 @@ mod compiled;
 mod finding;
 pub mod format;
 mod package;
+mod references;
 mod rule;
 mod rules;
 mod schema;
@@ -24,6 +25,7 @@ use fmu_compile::CompileControl;
 use fmu_description::xml;
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+pub use references::{Perform, ReferenceRun};
 use rule::rule;
 pub use rule::{RULES, Rule, Severity};
 
@@ -31,6 +33,8 @@ pub use rule::{RULES, Rule, Severity};
 pub struct Scope<'a> {
     /// How the binaries are run; `None` if they are not.
     pub probes: Option<&'a Probes>,
+    /// How experiments are performed that have reference results; `None` if they are not.
+    pub perform: Option<&'a Perform<'a>>,
     /// How the sources are compiled; `None` if they are not. They are run if the binaries are.
     pub compile: Option<CompileControl<'a>>,
     /// What cannot be checked until then is a finding. The time of the compiler is added.
@@ -99,6 +103,9 @@ pub fn check(file: &Path, scope: &Scope<'_>, findings: &mut Findings) {
     if !archive.faults.is_empty() {
         return;
     }
+    part("the reference results", findings, &mut |findings| {
+        references::check(&model, &mut archive, scope.perform, findings);
+    });
     let (begin, mut compiled) = (Instant::now(), None);
     if let Some(control) = &scope.compile {
         part("the compiler", findings, &mut |findings| {

@@ -1,7 +1,7 @@
 //! The components of a system with their loaded FMUs, and the names of their variables, `component.variable`.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -40,6 +40,8 @@ pub struct LoadedComponent {
     pub(crate) solver: Solver,
     /// The start values of the description, by the indices of scalars.
     pub(crate) starts: Vec<(usize, Value)>,
+    /// The names in its parameter set that the FMU does not have.
+    pub(crate) ignored: Vec<String>,
 }
 
 impl LoadedComponent {
@@ -50,14 +52,30 @@ impl LoadedComponent {
         };
         let full_name = |name: &str| format!("{}.{name}", component.name);
         let mut fmu = open(Sizes::new())?;
-        let sizes = sizes(&fmu, &component.start, full_name)?;
+        let in_component = || format!("component {}", component.name);
+        let mut set = component.parameter_set().with_context(in_component)?;
+        set.retain(|parameter| !component.start.contains_key(&parameter.name));
+        let in_set = set.iter().map(|parameter| (parameter.name.clone(), parameter.value.clone()));
+        let mut start: BTreeMap<_, _> = in_set.chain(component.start.clone()).collect();
+        let sizes = sizes(&fmu, &start, full_name)?;
         if !sizes.is_empty() {
             fmu = open(sizes)?;
         }
         let rate = rate(component, &fmu, system.step);
         let rate = rate.with_context(|| format!("component {}", component.name))?;
+        let mut ignored = Vec::new();
+        for parameter in &set {
+            match fmu.elements(&parameter.name) {
+                Ok((scalars, _)) => {
+                    let value =
+                        parameter.in_unit_of(&fmu, scalars[0]).with_context(in_component)?;
+                    start.insert(parameter.name.clone(), value);
+                }
+                Err(_) => ignored.extend(start.remove_entry(&parameter.name).map(|(name, _)| name)),
+            }
+        }
         let mut starts = Vec::new();
-        for (name, literal) in &component.start {
+        for (name, literal) in &start {
             for literal in scalar_literals(&fmu, name, &full_name(name), literal)? {
                 starts.push((literal.scalar, literal.start_value(&fmu)?));
             }
@@ -72,6 +90,7 @@ impl LoadedComponent {
             solver: component.solver.or(system.solver).unwrap_or_default(),
             tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
             starts,
+            ignored,
             fmu,
         })
     }

@@ -18,7 +18,7 @@ use crate::function::Computed;
 use crate::given_inputs::GivenInputs;
 use crate::package::SystemOrigin;
 use crate::rate::ComponentStep;
-use crate::{Compilation, Execution, Experiment, Function, Literal, Signature, Solver};
+use crate::{Compilation, Execution, Experiment, Function, Literal, Signature, Solver, Stimuli};
 
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -87,6 +87,9 @@ pub struct Description {
     /// The file with the saved state from which a run begins.
     #[serde(skip)]
     pub load_state: Option<PathBuf>,
+    /// Values of inputs over time in an FMU, if there are no others.
+    #[serde(skip)]
+    pub stimuli: Option<Stimuli>,
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
     pub is_single: bool,
@@ -171,7 +174,10 @@ pub struct Component {
     pub tolerance: Option<f64>,
     /// The method by which its equations are integrated.
     pub solver: Option<Solver>,
-    /// Start values of parameters, inputs, and variables with initial exact or approx.
+    /// A parameter set of its FMU by its name, or a file (.ssv), relative to the folder of the system file.
+    pub parameters: Option<String>,
+    /// Start values of parameters, inputs, and variables with initial exact or approx, which replace those of the
+    /// parameter set.
     #[serde(default)]
     pub start: BTreeMap<String, Literal>,
     /// The function that it is, if it is no FMU; then the file name only stands for it in messages.

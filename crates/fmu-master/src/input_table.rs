@@ -6,13 +6,13 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability, Variable};
 
-use crate::Fmu;
 use crate::components::{Components, ScalarId};
 use crate::connections::{ResolvedConnection, with_article};
 use crate::given_inputs::GivenInputs;
 use crate::literal::expected_item;
 use crate::store::{Place, Store, number};
 use crate::table::{self, Column, Series};
+use crate::{Fmu, Stimuli};
 
 /// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are
 /// interpolated linearly, and others keep their value; before the first and after the last row, all keep it.
@@ -55,12 +55,32 @@ impl InputTable {
     ) -> Result<Self> {
         let table = table::read_texts(file);
         let table = table.with_context(|| format!("cannot read {}", file.display()))?;
-        let table = table::times(&table).and_then(|times| {
-            let columns =
-                table[1..].iter().map(|series| Ok((components.settable(&series.name)?, series)));
-            Self::new(times, columns, components, connections)
-        });
-        table.with_context(|| file.display().to_string())
+        Self::of_texts(&table, components, connections).with_context(|| file.display().to_string())
+    }
+
+    /// Reads a table in an FMU.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub(crate) fn of_stimuli(
+        stimuli: &Stimuli,
+        components: &Components,
+        connections: &[ResolvedConnection],
+    ) -> Result<Self> {
+        let table = stimuli.read();
+        let table = table.and_then(|table| Self::of_texts(&table, components, connections));
+        table.with_context(|| format!("{} in {}", stimuli.file, stimuli.fmu.display()))
+    }
+
+    fn of_texts(
+        table: &[Series],
+        components: &Components,
+        connections: &[ResolvedConnection],
+    ) -> Result<Self> {
+        let times = table::times(table)?;
+        let columns = table[1..].iter();
+        let columns = columns.map(|series| Ok((components.settable(&series.name)?, series)));
+        Self::new(times, columns, components, connections)
     }
 
     /// The inputs of columns whose rows come later.

@@ -126,7 +126,7 @@ impl SystemSource {
             Some(text) => Description::parse_unsaved(text, &self.file)?,
             None => Description::open(&self.file)?,
         };
-        self.overrides.apply(&mut description);
+        self.overrides.apply(&mut description)?;
         let packages = description.package.iter();
         packages.flat_map(|package| &package.warnings).for_each(|text| warn(text));
         description.set_functions(&self.functions, compute)?;

@@ -33,6 +33,13 @@ pub enum Note {
         /// What to do instead, as its description says; may be empty.
         instead: String,
     },
+    /// Parameters of a parameter set are ignored, because the FMU has no such variables.
+    ParametersIgnored {
+        /// The component.
+        component: String,
+        /// The names of the parameters.
+        names: Vec<String>,
+    },
     /// The step size does not divide the run.
     EndsBeforeStop {
         /// The last communication point (s).
@@ -83,6 +90,10 @@ impl Note {
             }
             Self::Deprecated { variable, instead } => {
                 format!("{variable} is deprecated: {instead}")
+            }
+            Self::ParametersIgnored { component, names } => {
+                let names = names.join(", ");
+                format!("{component} has no variables {names}, which its parameter set has")
             }
             Self::EndsBeforeStop { last, stop } => {
                 format!(

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use fmu_host::InterfaceType;
@@ -21,6 +21,12 @@ pub struct Overrides {
     /// has no COMPONENT
     #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
     pub sets: Vec<(String, Literal)>,
+    /// Use a parameter set that the FMU has, by its name, or that of a file
+    #[arg(long, value_name = "NAME or FILE.ssv")]
+    pub parameters: Option<String>,
+    /// Perform an experiment that the FMU has, with its times, parameters and inputs
+    #[arg(long, value_name = "NAME")]
+    pub experiment: Option<String>,
     /// Start time in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub start: Option<f64>,
@@ -61,7 +67,7 @@ pub struct Overrides {
     /// Variable to record; may be repeated
     #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
     pub outputs: Vec<String>,
-    /// CSV or Parquet file with values of inputs: a column time in s, and one for each input
+    /// CSV or Parquet file with values of inputs and tunable parameters: a column time in s, and one for each of them
     #[arg(long, value_name = "FILE")]
     pub input: Option<PathBuf>,
     /// Values of inputs, with which there is no file.
@@ -92,7 +98,21 @@ pub struct Overrides {
 
 impl Overrides {
     /// Applies the overrides to a description, except for the start values, which need the FMUs.
-    pub fn apply(&self, description: &mut Description) {
+    ///
+    /// # Errors
+    /// The FMU has no such experiment, or the system more than one FMU.
+    pub fn apply(&self, description: &mut Description) -> Result<()> {
+        if let Some(experiment) = &self.experiment {
+            description.take_experiment(experiment)?;
+        }
+        if let Some(parameters) = &self.parameters {
+            ensure!(
+                description.is_single,
+                "the parameter set {parameters:?} belongs to one FMU, but this is a system; expected the key parameters of its components"
+            );
+            let components = description.components.iter_mut();
+            components.for_each(|component| component.parameters = Some(parameters.clone()));
+        }
         description.sandbox = self.sandbox;
         description.compilation = self.compilation.clone();
         description.execution = self.execution.clone();
@@ -132,6 +152,7 @@ impl Overrides {
         if let Some(folder) = &self.fmus {
             description.take_fmus_from(folder);
         }
+        Ok(())
     }
 }
 

@@ -95,15 +95,19 @@ impl Plan {
         let is_paced = description.execution.real_time.is_some();
         let is_live = |file: &Path| is_paced && live_input::is_stream(file);
         let mut live = None;
-        let input = match (&description.given_inputs, &description.input) {
-            (Some(given), _) => Some(InputTable::of_values(given, &components, &connections)?),
-            (None, Some(file)) if is_live(file) => {
+        let Description { given_inputs, input, stimuli, .. } = description;
+        let input = match (given_inputs, input, stimuli) {
+            (Some(given), _, _) => Some(InputTable::of_values(given, &components, &connections)?),
+            (None, Some(file), _) if is_live(file) => {
                 let (table, arriving) = LiveInput::open(file, &components, &connections)?;
                 live = Some(arriving);
                 Some(table)
             }
-            (None, Some(file)) => Some(InputTable::read(file, &components, &connections)?),
-            (None, None) => None,
+            (None, Some(file), _) => Some(InputTable::read(file, &components, &connections)?),
+            (None, None, Some(stimuli)) => {
+                Some(InputTable::of_stimuli(stimuli, &components, &connections)?)
+            }
+            (None, None, None) => None,
         };
         let host_inputs = match description.is_in_container {
             true => expose::inputs(&description.expose, &components, &connections, input.as_ref())?,
@@ -427,6 +431,11 @@ fn notes(components: &Components, recorded: &[ScalarId]) -> Vec<Note> {
         left_out.dedup();
         notes.push(Note::Compiled { components: compiled, left_out });
     }
+    let with_ignored = components.iter().filter(|component| !component.ignored.is_empty());
+    notes.extend(with_ignored.map(|component| Note::ParametersIgnored {
+        component: component.name.clone(),
+        names: component.ignored.clone(),
+    }));
     if recorded.is_empty() {
         let mut all =
             Vec::from_iter(components.scalars().filter(|p| unrecordable(components, p).is_none()));

@@ -10,6 +10,7 @@ use toml::de::{DeTable, DeValue};
 use crate::declarations::Declarations;
 use crate::note::Advice;
 use crate::package::is_package;
+use crate::references::is_parameter_file;
 use crate::similar::with_similar_file;
 use crate::table::Format;
 use crate::{Component, Description, Experiment, ssp};
@@ -56,6 +57,10 @@ impl Description {
         })?;
         for component in &mut description.components {
             component.fmu = file.with_file_name(&component.fmu);
+            let parameters = component.parameters.take_if(|name| is_parameter_file(name));
+            let in_folder = parameters.map(|name| file.with_file_name(name));
+            let in_folder = in_folder.map(|file| file.to_string_lossy().into_owned());
+            component.parameters = in_folder.or(component.parameters.take());
         }
         description.input = description.input.map(|input| file.with_file_name(input));
         Ok(description)

@@ -22,7 +22,7 @@ pub(crate) use column::{boolean, expected};
 pub use compare::{Difference, Tolerance, compare};
 pub use csv::{fields, header, parse, push_line};
 pub use parquet::{ParquetWriter, write_parquet};
-pub(crate) use read::{open_texts, read_texts};
+pub(crate) use read::{open_texts, read_texts, texts_of};
 pub use read::{read, rounding, times};
 pub(crate) use rows::standard_input;
 pub use rows::{Rows, TimedRow, TimedRows, is_standard_input};

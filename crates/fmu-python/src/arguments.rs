@@ -105,6 +105,8 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         loop_tolerance: arguments.number("loop_tolerance")?,
         loop_iterations: arguments.get("loop_iterations")?,
         outputs: arguments.get("outputs")?.unwrap_or_default(),
+        parameters: arguments.get("parameters")?,
+        experiment: arguments.get("experiment")?,
         input,
         given_inputs,
         execution: Execution { real_time },

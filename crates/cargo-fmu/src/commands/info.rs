@@ -1,6 +1,7 @@
 //! `cargo fmu info`: the contents of an FMU.
 
 pub mod json;
+mod references;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -140,7 +141,8 @@ fn print(model: &ModelDescription<'_>, archive: &mut Archive, out: &mut impl Wri
     {
         terminals(list, 1, &mut lines);
     }
-    section("terminals", &lines, out)
+    section("terminals", &lines, out)?;
+    references::print(archive, out)
 }
 
 fn open(file: &Path) -> Result<(Archive, String)> {

@@ -111,7 +111,7 @@ fn text(value: &Literal) -> String {
 /// The start value of a variable: of the system file, else of the FMU; `None` if it has none.
 fn start_value(system: &Path, overrides: &Overrides, name: &str) -> Option<String> {
     let mut description = Description::open(system).ok()?;
-    overrides.apply(&mut description);
+    overrides.apply(&mut description).ok()?;
     let is_single = description.is_single;
     let mut owners = description.components.iter().filter_map(|component| {
         let within = || name.strip_prefix(&*component.name)?.strip_prefix('.');

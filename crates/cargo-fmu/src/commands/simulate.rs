@@ -17,7 +17,7 @@ use fmu_master::{
     Column, Compilation, Computed, Experiment, FunctionTime, Literal, Message, Observation,
     Overrides, Profile, Row, Statistics,
 };
-use fmu_worker::RealTimeThread;
+use fmu_worker::{Limits, RealTimeThread};
 use indicatif::ProgressBar;
 
 use super::files::stem;
@@ -59,6 +59,43 @@ pub struct SimulateArgs {
     compile: bool,
     #[command(flatten)]
     limited: Limited,
+}
+
+/// Performs the run of a job in a worker process, and writes its rows to a file, with names or numbers of items.
+///
+/// # Errors
+/// The run fails, or was interrupted.
+pub(super) fn run_to_file(
+    job: &Job,
+    limits: Limits,
+    names_items: bool,
+    file: &Path,
+    session: &Session,
+) -> Result<()> {
+    let progress = Progress::new()?;
+    let mut command = session::worker()?;
+    command.stdout(io::stderr());
+    let mut worker = job::start(&mut command, session.folder(), limits, job)?;
+    let watch = Watch {
+        keeps_rows: false,
+        trace: None,
+        names_items,
+        keeps_worker: false,
+        is_cancelled: &|| session.signal().is_some(),
+        warn: &ui::warn,
+        progress: &|ready, time| progress.show(ready.experiment, time),
+        row: &|_, _| {},
+        compute: &no_function,
+    };
+    let outcome = run::supervise(&mut worker, Some(file), &watch)?;
+    progress.bar.finish_and_clear();
+    match outcome {
+        RunOutcome::Finished(_) => Ok(()),
+        RunOutcome::Failed { error, .. } => {
+            bail!("{error}{}", error.advice.as_ref().map(ui::advice).unwrap_or_default())
+        }
+        RunOutcome::Cancelled { .. } => bail!("interrupted"),
+    }
 }
 
 /// How the items of enumerations are written.
@@ -237,36 +274,14 @@ impl SimulateArgs {
         file: &Path,
         session: &Session,
     ) -> Result<()> {
-        let progress = Progress::new()?;
         let mut overrides = Overrides { save_state: None, ..self.changes.clone() };
         overrides.execution.real_time = None;
         overrides.sets.retain(|(set, _)| !changes.iter().any(|(name, _)| name == set));
         overrides.sets.extend_from_slice(changes);
         overrides.observation = Observation::default();
-        let mut command = session::worker()?;
-        command.stdout(io::stderr());
+        let names_items = self.enumerations == Items::Names;
         let (limits, job) = (self.limited.limits(1)?, self.job_with(overrides));
-        let mut worker = job::start(&mut command, session.folder(), limits, &job)?;
-        let watch = Watch {
-            keeps_rows: false,
-            trace: None,
-            names_items: self.enumerations == Items::Names,
-            keeps_worker: false,
-            is_cancelled: &|| session.signal().is_some(),
-            warn: &ui::warn,
-            progress: &|ready, time| progress.show(ready.experiment, time),
-            row: &|_, _| {},
-            compute: &no_function,
-        };
-        let outcome = run::supervise(&mut worker, Some(file), &watch)?;
-        progress.bar.finish_and_clear();
-        match outcome {
-            RunOutcome::Finished(_) => Ok(()),
-            RunOutcome::Failed { error, .. } => {
-                bail!("{error}{}", error.advice.as_ref().map(ui::advice).unwrap_or_default())
-            }
-            RunOutcome::Cancelled { .. } => bail!("interrupted"),
-        }
+        run_to_file(&job, limits, names_items, file, session)
     }
 
     /// The job of the worker process.

@@ -1,12 +1,14 @@
 //! `cargo fmu validate`: checks FMUs as an importer would.
 
+mod references;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use fmu_check::{Findings, Probes, Scope, Severity, format};
+use fmu_check::{Findings, Probes, ReferenceRun, Scope, Severity, format};
 use fmu_compile::CompileControl;
 
 use super::files;
@@ -85,7 +87,12 @@ pub fn run(args: &ValidateArgs, session: &Session, out: &mut impl Write) -> Resu
         let time_limit = Duration::from_secs(args.total_time.into());
         let is_cancelled = &|| session.signal().is_some();
         let control = CompileControl { time_limit, is_cancelled, ..CompileControl::default() };
+        let call = Duration::from_secs(args.time_limit.into());
+        let perform = |run: &ReferenceRun<'_>| {
+            references::perform(file, run, (call, time_limit), args.sandbox, session)
+        };
         let scope = Scope {
+            perform: probes.is_some().then_some(&perform),
             probes: probes.as_ref(),
             compile: args.compile.then_some(control),
             deadline: Instant::now() + time_limit,

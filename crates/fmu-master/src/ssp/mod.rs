@@ -1,6 +1,7 @@
 //! Systems as System Structure and Parameterization (SSP) 1.0 packages, written and read.
 
 mod document;
+mod parameter_set;
 mod parameters;
 mod read;
 mod structure;
@@ -8,5 +9,6 @@ mod system;
 mod vocabulary;
 mod write;
 
+pub use parameter_set::{SetParameter, parameter_set};
 pub use read::read;
 pub use write::Package;

@@ -148,7 +148,7 @@ fn entry(element: &Element<'_>) -> Result<(String, IncomingConnection)> {
 }
 
 /// The value of a parameter, and its unit.
-fn read<'a>(parameter: &'a Element<'_>) -> Result<(Literal, Option<&'a str>)> {
+pub fn read<'a>(parameter: &'a Element<'_>) -> Result<(Literal, Option<&'a str>)> {
     let kinds = [
         vocabulary::REAL_VALUE,
         vocabulary::INTEGER_VALUE,

@@ -379,7 +379,7 @@ impl<'a> FlatSystem<'a> {
 
 impl DefinedUnit {
     /// How a value in this unit is converted to another; `None` if they are the same.
-    fn conversion(&self, to: &Self) -> Result<Option<Conversion>> {
+    pub fn conversion(&self, to: &Self) -> Result<Option<Conversion>> {
         let split = |unit: &Self| {
             let parts = unit.definition.clone()?.into_iter();
             let is_exponent = |(name, _): &(String, f64)| name != "factor" && name != "offset";

@@ -77,7 +77,7 @@ impl Study {
             Some(text) => Description::parse_unsaved(text, &system).context("system")?,
             None => Description::open(&system)?,
         };
-        file.overrides(&source.overrides).apply(&mut description);
+        file.overrides(&source.overrides).apply(&mut description)?;
         let state = file.load_state.as_ref();
         description.load_state = state.map(|state| source.file.with_file_name("").join(state));
         description.set_functions(&source.functions, compute)?;

@@ -1,5 +1,6 @@
 //! Reads tables: of this program, and of other programs if they have a line of names.
 
+use std::io::Cursor;
 use std::path::Path;
 
 use anyhow::{Result, ensure};
@@ -24,11 +25,19 @@ pub(crate) fn read_texts(file: &Path) -> Result<Vec<Series>> {
 
 /// Opens a table as [`read_texts`] reads it.
 pub(crate) fn open_texts(file: &Path) -> Result<Rows> {
-    let value = |series: &Series, field: &str| match &*series.name {
+    Rows::open_as(file, text_or_time)
+}
+
+/// The columns of the text of CSV, as [`read_texts`] reads them.
+pub(crate) fn texts_of(csv: String) -> Result<Vec<Series>> {
+    Rows::csv(Box::new(Cursor::new(csv)), text_or_time)?.into_table()
+}
+
+fn text_or_time(series: &Series, field: &str) -> Value {
+    match &*series.name {
         "time" => value(field),
         _ => Value::String(field.to_owned()),
-    };
-    Rows::open_as(file, value)
+    }
 }
 
 /// The times of a table, its first column.

@@ -74,6 +74,7 @@ STEP = Kind(
     f'{SECONDS.expected}, or "{DEFAULT_EXPERIMENT}"',
     lambda value: is_number(value) or value == DEFAULT_EXPERIMENT,
 )
+SET = Kind("the name of a parameter set of the FMU, or a file (.ssv)", _is_file)
 
 
 def _one_of(*names: str) -> Kind:
@@ -115,6 +116,7 @@ COMPONENT = {
         lambda value: _is_file(value) or isinstance(value, PythonComponent),
     ),
     "start": STARTS,
+    "parameters": SET,
     "interface": TEXT,
     "step": STEP,
     "inputs": INPUTS,
@@ -209,6 +211,10 @@ def system_keys(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
             )
         if not isinstance(part["fmu"], PythonComponent):
             part["fmu"] = folder / part["fmu"]
+        if part.get("parameters") is not None:
+            named_set = os.fspath(part["parameters"])
+            is_a_file = named_set.lower().endswith(".ssv")
+            part["parameters"] = str(folder / named_set) if is_a_file else named_set
         if "start" in part:
             part["start"] = named(part["start"])
     normal["component"] = parts

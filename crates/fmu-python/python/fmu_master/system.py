@@ -41,7 +41,8 @@ class System:
         the keys of a system file.
     **keys
         The same keys as keyword arguments. `components` maps names to files, or to dicts with the
-        keys `fmu`, `start`, `interface`, `step`, `inputs`, `sampled`, `tolerance` and `solver`, or to a
+        keys `fmu`, `start`, `parameters` (the name of a parameter set of the FMU, or a file),
+        `interface`, `step`, `inputs`, `sampled`, `tolerance` and `solver`, or to a
         `python_component`; `connections` has pairs (output, input), texts "component.output ->
         component.input" or dicts; `start`, `stop`, `step` and `output_step` are in s; `order` is
         "sequential", "parallel" or "implicit", `solver` "explicit" or "implicit".
@@ -209,6 +210,8 @@ class System:
         algebraic_loops: str | None = None,
         loop_tolerance: float | None = None,
         loop_iterations: int | None = None,
+        parameters: str | os.PathLike[str] | None = None,
+        experiment: str | None = None,
         tolerance: float | None = None,
         solver: str | None = None,
         interface: str | None = None,
@@ -238,6 +241,8 @@ class System:
             As for `simulate`.
         tolerance, solver, interface, compile
             As for `simulate`, for all components.
+        parameters, experiment
+            As for `simulate`, if the system is an FMU; a component has the key `parameters`.
         save_state, load_state, real_time, trace, profile, in_process, progress, debug_logging
             As for `simulate`.
 
@@ -247,6 +252,8 @@ class System:
             As for `simulate`.
         """
         _keys.check({"output": output}, {"output": _keys.TEXTS})
+        named = {"parameters": parameters, "experiment": experiment}
+        _keys.check(named, {"parameters": _keys.SET, "experiment": _keys.TEXT})
         flags = {"compile": compile, "in_process": in_process, "debug_logging": debug_logging}
         flags["profile"] = profile
         _keys.check(flags, dict.fromkeys(flags, _keys.FLAG))
@@ -264,6 +271,8 @@ class System:
             "output_step": output_step,
             "order": order,
             **loops,
+            "parameters": None if parameters is None else os.fspath(parameters),
+            "experiment": experiment,
             "tolerance": tolerance,
             "solver": solver,
             "outputs": one_or_more(output or ()),
@@ -319,6 +328,8 @@ def simulate(
     output: Sequence[str] | None = None,
     *,
     output_step: float | None = None,
+    parameters: str | os.PathLike[str] | None = None,
+    experiment: str | None = None,
     tolerance: float | None = None,
     solver: str | None = None,
     interface: str | None = None,
@@ -348,6 +359,12 @@ def simulate(
         Names of variables to record, by default all outputs that are numbers.
     output_step
         Time between two rows [s], a multiple of the communication step, which it is by default.
+    parameters
+        Name of a parameter set that the FMU has, or a file with one (`.ssv`); `start_values` replace
+        its values.
+    experiment
+        Name of an experiment that the FMU has, which gives times, tolerance, parameters and inputs,
+        unless other arguments do.
     tolerance
         Relative tolerance.
     solver
@@ -398,6 +415,8 @@ def simulate(
         input=input,
         output=output,
         output_step=output_step,
+        parameters=parameters,
+        experiment=experiment,
         tolerance=tolerance,
         solver=solver,
         interface=interface,

@@ -52,10 +52,11 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
     let terminals = terminals.map(|bytes| xml::decode(&bytes).text).unwrap_or_default();
     let terminals = xml::parse(&terminals).ok();
     let terminals = terminals.as_ref().and_then(|root| root.child("Terminals")).map(within);
-    let [platforms, documents, resources, sources] = contents(archive);
     let mut description = attributes(model.root);
     numeric(&mut description, "numberOfEventIndicators");
-    json!({
+    let references = super::references::json(archive);
+    let [platforms, documents, resources, sources] = contents(archive);
+    let mut shown = json!({
         "file": file.to_string_lossy(),
         "size": archive.size,
         "platforms": platforms,
@@ -68,7 +69,11 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
         "variables": Vec::from_iter(variables),
         "enumerations": Map::from_iter(enumerations),
         "terminals": terminals.unwrap_or_default(),
-    })
+    });
+    if !references.is_null() {
+        shown["references"] = references;
+    }
+    shown
 }
 
 /// The attributes of an element, as written.
