@@ -11,6 +11,7 @@
 //! separate process, as `cargo fmu validate` does.
 
 mod access;
+mod crash;
 pub mod environment;
 mod fork;
 mod function_instance;
@@ -31,6 +32,7 @@ mod step;
 mod types;
 
 pub use access::operation;
+pub use crash::tell_crashes;
 pub use fmi_abi::{FmiVersion, InterfaceType, fmi2, fmi3};
 pub use fork::{ProcessOwned, this_process};
 pub use function_instance::StepFunction;

@@ -64,6 +64,12 @@ impl SharedMemory {
         Ok(Self { words: NonNull::slice_from_raw_parts(first, words), _owner: Arc::new(map) })
     }
 
+    /// The words from one on, as memory of its own; `None` if there are too few.
+    pub fn tail(&self, first: usize) -> Option<Self> {
+        let words = self.words().get(first..).filter(|words| words.len() >= FIRST)?;
+        Some(Self { words: NonNull::from(words), _owner: self._owner.clone() })
+    }
+
     /// The words.
     #[inline]
     pub fn words(&self) -> &[AtomicU64] {

@@ -1,4 +1,6 @@
-//! How a run is executed, which does not change its results: paced by the clock.
+//! How a run is executed, which does not change its results: paced by the clock, or in several threads.
+
+use std::num::NonZeroUsize;
 
 use clap::Args;
 use serde::{Deserialize, Serialize};
@@ -17,6 +19,9 @@ pub struct Execution {
         allow_negative_numbers = true
     )]
     pub real_time: Option<f64>,
+    /// Number of threads in which components step at the same time, where the order allows it, with the same results
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
 }
 
 /// Reads a factor from a command line.

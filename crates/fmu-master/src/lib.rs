@@ -40,6 +40,7 @@
 
 mod access_list;
 mod algebraic_loop;
+mod batches;
 mod code;
 mod compilation;
 mod component_instance;

@@ -164,7 +164,10 @@ impl Messages {
     /// Stores a message of an instance.
     pub(crate) fn log(&self, instance: &str, logged: &LogMessage) {
         let text = plain(logged.text.trim_end(), MAX_CHARACTERS);
+        // The record has room for one message, and several threads may log.
+        let kept = self.kept();
         self.shared.record.log(&text);
+        drop(kept);
         let category = plain(logged.category.as_deref().unwrap_or_default(), MAX_CHARACTERS);
         self.keep(instance, Level::of(logged.status, &category), category, text);
     }

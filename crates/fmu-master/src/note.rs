@@ -40,6 +40,8 @@ pub enum Note {
         /// The names of the parameters.
         names: Vec<String>,
     },
+    /// In the order of stepping, no components may step at the same time, for which the user wants threads.
+    StepsOneByOne,
     /// The step size does not divide the run.
     EndsBeforeStop {
         /// The last communication point (s).
@@ -94,6 +96,9 @@ impl Note {
             Self::ParametersIgnored { component, names } => {
                 let names = names.join(", ");
                 format!("{component} has no variables {names}, which its parameter set has")
+            }
+            Self::StepsOneByOne => {
+                "threads have no effect, as no components may step at the same time".to_owned()
             }
             Self::EndsBeforeStop { last, stop } => {
                 format!(

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Variable};
 
+use crate::batches::batches;
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
 use crate::container::expose;
@@ -35,6 +36,8 @@ pub struct Plan {
     pub(crate) output_every: u64,
     pub(crate) order: Order,
     pub(crate) schedule: Schedule,
+    /// The components that may step at the same time.
+    pub(crate) batches: Vec<Vec<usize>>,
     pub(crate) connections: Vec<ResolvedConnection>,
     pub(crate) input: Option<InputTable>,
     /// The rows of the input table, if they arrive while the run goes.
@@ -160,15 +163,26 @@ impl Plan {
             );
         }
         let save = save.clone().zip(identity);
+        let schedule = Schedule::new(description, &components, &connections, &wiring)?;
+        let batches = batches(description.order, &schedule.stages, &connections);
+        let is_threaded = description.execution.threads.is_some_and(|threads| threads.get() > 1);
         Ok(Self {
             execution: description.execution.clone(),
             order: description.order,
-            schedule: Schedule::new(description, &components, &connections, &wiring)?,
+            schedule,
             wiring,
             loaded,
             save,
             columns: recorded.iter().zip(names).map(column).collect(),
-            notes: notes(&components, &recorded).into_iter().chain(experiment.note()?).collect(),
+            notes: notes(&components, &recorded)
+                .into_iter()
+                .chain(experiment.note()?)
+                .chain(
+                    (is_threaded && batches.iter().all(|b| b.len() < 2))
+                        .then_some(Note::StepsOneByOne),
+                )
+                .collect(),
+            batches,
             bounds: recorded.iter().map(bounds).collect(),
             recorded,
             records_internal_steps: description.is_step_derived

@@ -1,6 +1,7 @@
 //! One run of a system.
 
 mod advance;
+mod crew;
 mod hosted;
 mod internal_steps;
 mod iteration;
@@ -10,6 +11,8 @@ mod row;
 mod saved;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::thread;
 
 use anyhow::{Result, bail};
 use fmu_description::Value;
@@ -19,6 +22,7 @@ use iteration::Evaluation;
 pub use row::Row;
 pub use saved::Snapshot;
 
+use self::crew::Crew;
 use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outputs};
 use crate::components::{LoadedComponent, ScalarId};
 use crate::fault::FaultyConnection;
@@ -50,6 +54,8 @@ pub struct Simulation<'a> {
     messages: Messages,
     /// Its pace, if it is paced by the clock.
     pace: Option<Box<Pace>>,
+    /// The threads in which its components step at the same time.
+    crew: Option<Arc<Crew<'a>>>,
     /// Why it has ended in the first event, if an FMU has ended it there.
     ended: Option<Box<RunError>>,
 }
@@ -128,6 +134,7 @@ impl Plan {
             iterations: Vec::new(),
             messages: messages.clone(),
             pace: None,
+            crew: None,
             ended: None,
         };
         simulation.prepare_iterations()?;
@@ -246,8 +253,19 @@ impl Simulation<'_> {
     ///
     /// # Errors
     /// A [`RunError`]: a call of an FMU failed, which ends the run.
-    pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
+    pub fn run(mut self, observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         self.begin_pace();
+        let Some(crew) = Crew::new(self.plan, self.messages.record()) else {
+            return self.run_to_end(observe);
+        };
+        self.crew = Some(crew.clone());
+        thread::scope(|scope| {
+            let _over = crew.start(scope);
+            self.run_to_end(observe)
+        })
+    }
+
+    fn run_to_end(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         let is_plain = self.is_plain();
         let steps = match (self.ended.take(), is_plain) {
             (Some(failure), _) => self.record_start(&mut observe).and(Err(failure)),
@@ -272,6 +290,7 @@ impl Simulation<'_> {
         let Plan { wiring, components, save, .. } = self.plan;
         wiring.is_plain
             && self.pace.is_none()
+            && self.crew.is_none()
             && save.is_none()
             && self.iterations.is_empty()
             && components.iter().all(LoadedComponent::is_plain)

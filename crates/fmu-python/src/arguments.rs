@@ -1,5 +1,6 @@
 //! Arguments of Python as typed jobs and tables.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use fmu_master::job::SystemSource;
@@ -91,6 +92,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         let shown = real_time.unwrap_or_default();
         return Err(FmuError::new_err(format!("real_time = {shown}, {expected}")));
     }
+    let threads: Option<NonZeroUsize> = arguments.get("threads")?;
     let overrides = Overrides {
         sets: literals(starts.unwrap_or_default())?,
         start: arguments.number("start")?,
@@ -109,7 +111,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         experiment: arguments.get("experiment")?,
         input,
         given_inputs,
-        execution: Execution { real_time },
+        execution: Execution { real_time, threads },
         observation: observation(&arguments)?,
         save_state: arguments.get("save_state")?,
         load_state: arguments.get("load_state")?,

@@ -43,6 +43,6 @@ mod worker;
 
 pub use fmu_host::ProcessOwned;
 pub use fmu_host::real_time::RealTimeThread;
-pub use record::{Call, Calls, Function, Record, Snapshot};
+pub use record::{Call, Calls, Function, MAX_THREADS, Record, Snapshot};
 pub use supervisor::{Ended, Event, Limits, SLOW, Worker, available_memory};
 pub use worker::Service;

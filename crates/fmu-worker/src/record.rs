@@ -1,6 +1,7 @@
 //! The call that a worker process has in progress, in memory that its supervisor can read even after a crash: written
 //! by the worker, read by the supervisor.
 
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::io;
 use std::num::NonZeroU64;
@@ -9,7 +10,7 @@ use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use fmi_abi::FmiVersion;
-use fmu_host::SharedMemory;
+use fmu_host::{SharedMemory, tell_crashes};
 use serde::{Deserialize, Serialize};
 
 use crate::channel;
@@ -17,7 +18,13 @@ use crate::channel;
 /// The call in progress, the simulation time, the stage of the work and the newest log message. Clones
 /// share the record. By default, it is ordinary memory of this process.
 #[derive(Debug, Clone)]
-pub struct Record(SharedMemory);
+pub struct Record {
+    memory: SharedMemory,
+    /// The memory whose first word is the call in progress: in the calls of a thread of several, that of the thread.
+    call: SharedMemory,
+    /// Whether another process reads it.
+    is_shared: bool,
+}
 
 /// A call, which differs from all others: the word `CALL`, and the communication point as bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,7 +70,12 @@ const MESSAGE: usize = 7;
 const STAGE: usize = MESSAGE + 1 + MAX_TEXT / 8;
 const MAX_TEXT: usize = 1024;
 /// Number of words.
-const COUNT: usize = STAGE + 1 + MAX_TEXT / 8;
+const COUNT: usize = THREADS + MAX_THREADS * THREAD_WORDS;
+/// The calls of several threads, each in a cache line of its own. While they make calls, the word `CALL` has none.
+const THREADS: usize = (STAGE + 1 + MAX_TEXT / 8).next_multiple_of(THREAD_WORDS);
+const THREAD_WORDS: usize = 8;
+/// How many threads may make calls at the same time.
+pub const MAX_THREADS: usize = 64;
 
 /// Bits of the word `CALL` for the function, and for the component.
 const FUNCTION_BITS: u32 = 12;
@@ -83,18 +95,19 @@ impl Record {
     }
 
     pub(crate) fn open(file: &Path) -> io::Result<Self> {
-        channel::open(file, COUNT).map(Self)
+        let memory = channel::open(file, COUNT)?;
+        Ok(Self { call: memory.clone(), memory, is_shared: true })
     }
 
     fn new(memory: SharedMemory) -> Self {
-        let record = Self(memory);
+        let record = Self { call: memory.clone(), memory, is_shared: false };
         record.at(f64::NAN);
         record
     }
 
     #[inline]
     fn word(&self, index: usize) -> &AtomicU64 {
-        &self.0.words()[index]
+        &self.memory.words()[index]
     }
 
     /// Records the calls of a component.
@@ -111,7 +124,7 @@ impl Record {
     /// Records the communication point (s); NaN before the initialization.
     #[inline]
     pub fn at(&self, time: f64) {
-        self.0.first()[TIME].store(time.to_bits(), Relaxed);
+        self.memory.first()[TIME].store(time.to_bits(), Relaxed);
     }
 
     /// Records the communication step (s).
@@ -132,9 +145,17 @@ impl Record {
         self.word(LOGGED_AT).store(time, Relaxed);
     }
 
-    /// Records that a second process has gone on with the work.
-    pub(crate) fn forked(&self) {
+    /// Ends this process, which a foreign function has forked, without running anything else; records that it has gone on
+    /// with the work.
+    #[cold]
+    pub fn end_second_process(&self) -> ! {
         self.word(FORKED).store(1, Relaxed);
+        #[cfg(unix)]
+        {
+            use rustix::process::{Signal, getpid, kill_process};
+            let _ = kill_process(getpid(), Signal::KILL);
+        }
+        std::process::abort()
     }
 
     /// Whether a second process has gone on with the work, after a function has forked this one and returned in
@@ -148,16 +169,63 @@ impl Record {
         self.word(CLAIMED).swap(1, Relaxed) == 0
     }
 
-    /// The call in progress, or the newest one.
-    #[inline]
+    /// The call in progress, or the newest one: of this thread, if it is one of several that make calls.
     pub fn call(&self) -> Call {
-        let [word, time] = [CALL, TIME].map(|index| self.word(index).load(Relaxed));
-        Call { word, time }
+        let of_thread = THREAD.with_borrow(|thread| thread.as_ref().map(Self::newest));
+        let word = of_thread.filter(|word| *word != 0).unwrap_or_else(|| self.newest());
+        Call { word, time: self.word(TIME).load(Relaxed) }
+    }
+
+    /// The word of the newest call.
+    fn newest(&self) -> u64 {
+        self.call.first()[CALL].load(Relaxed)
+    }
+
+    /// A call that another process has in progress: the one of the first of its threads that has one.
+    pub(crate) fn call_of_any_thread(&self) -> Call {
+        let call = self.call();
+        let threads = (0..MAX_THREADS).map(|number| THREADS + number * THREAD_WORDS);
+        let mut words = threads.map(|place| self.word(place).load(Relaxed));
+        let found = match function(call.word) {
+            Some(_) => None,
+            None => words.find(|word| function(*word).is_some()),
+        };
+        Call { word: found.unwrap_or(call.word), ..call }
+    }
+
+    /// The record for the calls of a thread of several, by its number.
+    ///
+    /// # Panics
+    /// The number is not less than [`MAX_THREADS`].
+    pub fn of_thread(&self, number: usize) -> Self {
+        assert!(number < MAX_THREADS, "thread {number} of {MAX_THREADS}");
+        let call = self.memory.tail(THREADS + number * THREAD_WORDS);
+        let call = call.expect("it is within the record");
+        Self { memory: self.memory.clone(), call, is_shared: self.is_shared }
+    }
+
+    /// Begins calls of this thread, whose record [`Record::of_thread`] has made. If it ends the process, the record has its
+    /// call.
+    pub fn begin_thread(&self) {
+        THREAD.set(Some(self.clone()));
+        if self.is_shared {
+            tell_crashes(&self.call, &self.memory);
+        }
+    }
+
+    /// Ends the calls of this thread.
+    pub fn end_thread() {
+        THREAD.set(None);
+    }
+
+    /// Records that this thread of several has no call in progress.
+    pub fn end_call_of_thread(&self) {
+        self.call.first()[CALL].store(0, Relaxed);
     }
 
     /// Whether a call is in progress.
     pub fn is_in_call(&self) -> bool {
-        function(self.call().word).is_some()
+        function(self.call_of_any_thread().word).is_some()
     }
 
     /// The communication point (s); `None` before the initialization.
@@ -168,7 +236,7 @@ impl Record {
 
     /// The call, the stage and the message at this moment, or when the process ended.
     pub fn snapshot(&self) -> Snapshot {
-        let call = self.call();
+        let call = self.call_of_any_thread();
         Snapshot {
             component: ((call.word & NOT_NUMBER) >> FUNCTION_BITS) as usize,
             function: function(call.word),
@@ -192,10 +260,15 @@ impl Record {
     fn read(&self, place: usize) -> String {
         // A process that writes out of bounds may have written here.
         let length = (self.word(place).load(Relaxed) as usize).min(MAX_TEXT);
-        let words = self.0.words()[place + 1..].iter();
+        let words = self.memory.words()[place + 1..].iter();
         let bytes = words.flat_map(|word| word.load(Relaxed).to_le_bytes());
         String::from_utf8_lossy(&Vec::from_iter(bytes.take(length))).into_owned()
     }
+}
+
+thread_local! {
+    /// The record of the calls of this thread, if it is one of several.
+    static THREAD: RefCell<Option<Record>> = const { RefCell::new(None) };
 }
 
 /// The function of a word `CALL`.
@@ -269,12 +342,17 @@ impl Calls {
         self.continue_call(function);
     }
 
+    /// Records in another record from now on, which gets this one in return.
+    pub fn exchange(&mut self, record: &mut Record) {
+        std::mem::swap(&mut self.record, record);
+    }
+
     /// Records the call of a function that was not called at this communication point since [`Calls::begin`], with the
     /// number of that call.
     #[inline]
     pub fn continue_call(&self, function: Option<Function>) {
         let word = self.word | function.map_or(0, |function| function.0.get());
-        self.record.0.first()[CALL].store(word, Relaxed);
+        self.record.call.first()[CALL].store(word, Relaxed);
     }
 }
 

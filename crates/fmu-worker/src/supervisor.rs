@@ -308,7 +308,7 @@ impl Worker {
     }
 
     fn update_call(&mut self) {
-        let call = self.record.call();
+        let call = self.record.call_of_any_thread();
         if call != self.call {
             (self.call, self.since, self.is_reported) = (call, Instant::now(), false);
         }

@@ -95,7 +95,7 @@ impl Service {
     /// The reply cannot be serialized.
     pub fn reply<T: Serialize>(&mut self, reply: &T) {
         if self.process != this_process() {
-            self.end_second_process();
+            self.record.end_second_process();
         }
         self.buffer.clear();
         let buffer = std::mem::take(&mut self.buffer);
@@ -104,20 +104,6 @@ impl Service {
             thread::sleep(PERIOD);
             true
         });
-    }
-}
-
-impl Service {
-    /// Ends this process, which a foreign function has forked, without running anything else.
-    #[cold]
-    fn end_second_process(&self) -> ! {
-        self.record.forked();
-        #[cfg(unix)]
-        {
-            use rustix::process::{Signal, getpid, kill_process};
-            let _ = kill_process(getpid(), Signal::KILL);
-        }
-        std::process::abort()
     }
 }
 

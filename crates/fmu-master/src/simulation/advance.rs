@@ -4,13 +4,16 @@ use super::Simulation;
 use crate::component_instance::CallResult;
 use crate::iterated_group::Stage;
 use crate::rate::Rate;
-use crate::{LoadedComponent, Order};
+use crate::{LoadedComponent, Order, Plan};
 
 impl Simulation<'_> {
     /// Advances from communication point `k`, at a time (s), by a step (s), which may be another one than that of the
     /// experiment unless a component has a step of its own: passes values to inputs, has the components step in their
     /// order, and gets their outputs. Records nothing, and takes values from the input file only within the step.
     pub(crate) fn advance(&mut self, k: u64, time: f64, step: f64) -> CallResult {
+        if let Some(crew) = self.crew.clone() {
+            return self.advance_with(&crew, k, time, step);
+        }
         let plan = self.plan;
         if plan.order != Order::Parallel {
             return plan.schedule.stages.iter().try_for_each(|stage| match *stage {
@@ -97,13 +100,24 @@ impl Simulation<'_> {
         self.components[index].set_parameters(time)?;
         let wiring = &self.plan.wiring;
         let inputs = &wiring.extrapolation.inputs[index];
-        let table = self.plan.input.as_ref().filter(|table| table.feeds(index));
+        let table =
+            self.plan.input.as_ref().filter(|table| table.feeds(index) && self.plan.live.is_none());
         if let Some(table) = table {
             table.apply_to(index, time, &wiring.table_places, &mut self.outputs);
         } else if inputs.is_empty() {
             return Ok(());
         }
         self.components[index].write_at(inputs, time, &mut self.outputs)
+    }
+
+    /// Whether inputs of a component change within a communication step: by a table, unless its rows arrive meanwhile, or by
+    /// extrapolation.
+    pub(super) fn is_fed_within_step(&self, index: usize) -> bool {
+        let Plan { input, live, components, wiring, .. } = self.plan;
+        let has_table = || input.as_ref().is_some_and(|input| input.feeds(index));
+        let is_fed =
+            || !wiring.extrapolation.inputs[index].is_empty() || has_table() && live.is_none();
+        components[index].rate.steps > 1 && is_fed()
     }
 
     /// Gets the outputs of a component at their time: of a sampled one after its step, of others when the communication
@@ -126,7 +140,7 @@ impl Simulation<'_> {
 
     /// Whether a component steps from communication point `k`. A step that would end after the last communication point
     /// is only taken for a sample.
-    fn is_due(&self, index: usize, k: u64) -> bool {
+    pub(super) fn is_due(&self, index: usize, k: u64) -> bool {
         let LoadedComponent { rate: rate @ Rate { every, .. }, sampled, .. } =
             self.plan.components[index];
         rate.is_due(k) && (sampled || every == 1 || k + every <= self.plan.communication_steps())

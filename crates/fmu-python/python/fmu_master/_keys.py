@@ -64,6 +64,7 @@ def _is_file(value: object) -> bool:
 NUMBER = Kind("a number", is_number)
 SECONDS = Kind("a number, in s", is_number)
 WHOLE = Kind("a whole number of at least 0", _is_whole)
+COUNT = Kind("a whole number of at least 1", lambda value: _is_whole(value) and value >= 1)
 TABLE = Kind("a file, .csv or .parquet", _is_file)
 FILE = Kind("a file", _is_file)
 FLAG = Kind("True or False", lambda value: isinstance(value, bool | np.bool_))

@@ -219,6 +219,7 @@ class System:
         load_state: str | os.PathLike[str] | None = None,
         compile: bool = False,
         real_time: float | None = None,
+        threads: int | None = None,
         trace: str | os.PathLike[str] | None = None,
         profile: bool = False,
         in_process: bool = False,
@@ -257,6 +258,7 @@ class System:
         flags = {"compile": compile, "in_process": in_process, "debug_logging": debug_logging}
         flags["profile"] = profile
         _keys.check(flags, dict.fromkeys(flags, _keys.FLAG))
+        _keys.check({"threads": threads}, {"threads": _keys.COUNT})
         _keys.check({"trace": trace}, {"trace": _keys.FILE})
         loops = {
             "algebraic_loops": algebraic_loops,
@@ -279,6 +281,7 @@ class System:
             "interface": interface,
             "compile": compile,
             "real_time": real_time,
+            "threads": threads,
             "profile": profile,
             "trace": None if trace is None else Path(trace).absolute(),
         }
@@ -337,6 +340,7 @@ def simulate(
     load_state: str | os.PathLike[str] | None = None,
     compile: bool = False,
     real_time: float | None = None,
+    threads: int | None = None,
     trace: str | os.PathLike[str] | None = None,
     profile: bool = False,
     in_process: bool = False,
@@ -383,6 +387,9 @@ def simulate(
     real_time
         Pace the steps by the clock: 1.0 is real time, 2.0 twice as fast. An `input` that is a pipe
         (FIFO) then gives its rows while the run goes.
+    threads
+        Number of threads in which components of a system step at the same time, where the order
+        allows it; the results are the same.
     trace
         Record each call of the FMUs in this file, as JSON Lines, which `cargo fmu replay` repeats.
     profile
@@ -424,6 +431,7 @@ def simulate(
         load_state=load_state,
         compile=compile,
         real_time=real_time,
+        threads=threads,
         trace=trace,
         profile=profile,
         in_process=in_process,
