@@ -71,7 +71,7 @@ impl ExportedModel {
             .with(token, &self.guid)
             .with("description", &self.description)
             .with_some("author", origin.author.as_ref())
-            .with("version", &origin.version)
+            .with_some("version", Some(&origin.version).filter(|version| !version.is_empty()))
             .with_some("copyright", origin.copyright.as_ref())
             .with_some("license", origin.license.as_ref())
             .with("generationTool", &origin.generation_tool)

@@ -19,8 +19,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use session::Session;
 
 use commands::{
-    build, compare, completions, diff, export, info, merge, new, replay, run, simulate, ssp, sweep,
-    validate,
+    build, compare, completions, diff, export, info, merge, new, pack, replay, run, simulate, ssp,
+    sweep, validate,
 };
 
 /// Write, build, inspect, merge, check, simulate and sweep FMUs
@@ -156,6 +156,13 @@ Examples:
   cargo fmu ssp my-system.toml --out packages"
     )]
     Ssp(ssp::SspArgs),
+    /// Make one FMU of a system, a container with the master inside
+    #[command(after_help = "The master is built by cargo once, and kept in cargo's home folder.
+
+Examples:
+  cargo fmu pack examples/closed-loop/pid.toml -o Loop.fmu
+  cargo fmu pack my-system.ssp --fmi 3.0")]
+    Pack(pack::PackArgs),
     /// Be a worker process of another command
     // Resembles no other command, which would be suggested for a misspelled one.
     #[command(hide = true, name = worker::COMMAND)]
@@ -241,6 +248,7 @@ fn execute(command: Command) -> Result<ExitCode> {
                 }
             });
         }
+        Command::Pack(args) => until_interrupted(|| pack::run(args, out))?,
         Command::Ssp(args) => until_interrupted(|| ssp::run(&args, out))?,
         Command::Completions { shell } => {
             out.write_all(&completions::script(shell, Cli::command()))?;

@@ -104,7 +104,8 @@ pub enum SourcesOption {
     Only,
 }
 
-fn version() -> impl TypedValueParser<Value = FmiVersion> {
+/// Reads a version of FMI from its number.
+pub fn version() -> impl TypedValueParser<Value = FmiVersion> {
     let numbers = PossibleValuesParser::new(FmiVersion::ALL.map(FmiVersion::as_str));
     numbers.map(|number| FmiVersion::named(Some(&number)).unwrap_or_default())
 }

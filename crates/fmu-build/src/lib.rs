@@ -7,6 +7,7 @@ mod binary;
 mod cargo;
 #[cfg(feature = "wasm")]
 mod component;
+mod container;
 mod contents;
 pub mod dependency;
 mod export;
@@ -26,7 +27,8 @@ mod universal;
 pub use fmu_description::FmiVersion;
 
 pub use cargo::BuildProgress;
-pub use export::{ExportOptions, ExportedFmu, SourcesOption, export};
+pub use container::{ContainerBinary, ContainerTargets, container_page};
+pub use export::{ExportOptions, ExportedFmu, SourcesOption, export, version};
 pub use exports::{export_command, stale};
 pub use guid::GuidBasis;
 pub use library::Selection;

@@ -1,26 +1,38 @@
-//! Makes entry points of the rows of `fmi-abi`: those of all interface types, and of co-simulation.
+//! Makes entry points of the rows of `fmi-abi`. Those of other interface types than co-simulation refuse the call, as some
+//! importers bind all functions.
 
 macro_rules! entries {
     (
         $instance:ident $status:ident
-        Free { $($_0:tt)* }
-        All { $($all:tt)* }
-        ModelExchange { $($_1:tt)* }
-        CoSimulation { $($own:tt)* }
-        $($_2:tt)*
+        Free { $($_:tt)* }
+        $($group:ident { $($rows:tt)* })*
     ) => {
-        entries!(@ $instance $status $($all)* $($own)*);
+        $(entries!(@ $group $instance $status $($rows)*);)*
     };
     (
-        @ $instance:ident $status:ident
+        @ $group:ident $instance:ident $status:ident
         $($name:ident $arguments:tt => $operation:ident in $($states:ident)|+;)*
     ) => {
-        $(entry!($instance $status $name $arguments $operation);)*
+        $(entry!($group $instance $status $name $arguments $operation);)*
     };
 }
 
 macro_rules! entry {
-    ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident) => {
+    (ModelExchange $($row:tt)*) => { entry!(@ $($row)*); };
+    (ScheduledExecution $($row:tt)*) => { entry!(@ $($row)*); };
+    (@ $i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident) => {
+        #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
+            // SAFETY: the host's promise: NULL or an instance that is not used otherwise.
+            let instance = unsafe { instance.cast::<Instance>().as_mut() };
+            let refuse = |instance: &mut Instance| {
+                instance.call(&calls::$name, |_| Err(refused("a container is for co-simulation only")))
+            };
+            $s(instance.map_or(Status::Error, refuse) as c_int)
+        }
+    };
+    ($group:ident $i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident) => {
         #[doc = concat!("`", stringify!($name), "`")]
         #[unsafe(no_mangle)]
         #[allow(unused_variables, reason = "the slices have the lengths")]

@@ -62,6 +62,11 @@ impl Platform {
         })
     }
 
+    /// All platforms of a version of FMI.
+    pub fn all(version: FmiVersion) -> impl Iterator<Item = Self> {
+        platforms(version)
+    }
+
     /// Whether a version of FMI has the folder.
     pub fn is_of(&self, version: FmiVersion) -> bool {
         platforms(version).any(|platform| platform == *self)

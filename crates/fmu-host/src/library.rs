@@ -336,10 +336,43 @@ fn open_component(_: &Path) -> std::result::Result<Binary, LoadError> {
 fn dlopen(file: &Path) -> std::result::Result<libloading::Library, LoadError> {
     // SAFETY: a foreign library may run any code when it is loaded; the crate documentation leaves
     // this to the caller.
-    unsafe { libloading::Library::new(file) }.map_err(|error| {
+    unsafe { load(file) }.map_err(|error| {
         let reason = error.source().map(ToString::to_string);
         LoadError(reason.unwrap_or_else(|| error.to_string()))
     })
+}
+
+/// Loads a library whose calls of its own functions of FMI reach these, also if a host has made functions of the same names
+/// visible to all libraries, such as those of a container with this master inside.
+///
+/// # Safety
+/// It may run any code.
+#[cfg(target_os = "linux")]
+unsafe fn load(file: &Path) -> std::result::Result<libloading::Library, libloading::Error> {
+    use libloading::os::unix::{Library, RTLD_LAZY, RTLD_LOCAL};
+    const RTLD_DEEPBIND: c_int = 8;
+    let everywhere = Library::this();
+    let is_visible = |name: &str| {
+        // SAFETY: the symbol is looked up but not used.
+        unsafe { everywhere.get::<*const c_void>(name) }.is_ok()
+    };
+    let own = if ["fmi2GetVersion", "fmi3GetVersion"].into_iter().any(is_visible) {
+        RTLD_DEEPBIND
+    } else {
+        0
+    };
+    // SAFETY: the caller's promise.
+    unsafe { Library::open(Some(file), RTLD_LAZY | RTLD_LOCAL | own) }.map(Into::into)
+}
+
+/// As on Linux; elsewhere, a library finds its own functions first.
+///
+/// # Safety
+/// It may run any code.
+#[cfg(not(target_os = "linux"))]
+unsafe fn load(file: &Path) -> std::result::Result<libloading::Library, libloading::Error> {
+    // SAFETY: the caller's promise.
+    unsafe { libloading::Library::new(file) }
 }
 
 /// Whether a library cannot be loaded since it expects a host that is written in Python, as the FMUs of

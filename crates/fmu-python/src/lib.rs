@@ -7,6 +7,7 @@ mod caller;
 mod child;
 mod error;
 mod instance;
+mod pack;
 mod reply;
 mod run;
 mod sweep;
@@ -33,6 +34,9 @@ mod _native {
 
     #[pymodule_export]
     use super::instance::Instance;
+
+    #[pymodule_export]
+    use super::pack::pack;
 
     #[pymodule_export]
     use super::sweep::sweep;

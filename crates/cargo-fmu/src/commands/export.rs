@@ -30,12 +30,22 @@ pub fn run(options: &ExportOptions, out: &mut impl Write) -> Result<()> {
 /// # Errors
 /// See [`fmu_build::export`].
 pub fn build(options: &ExportOptions) -> Result<Vec<ExportedFmu>> {
+    with_progress(|progress| fmu_build::export(options, progress))
+}
+
+/// Shows the progress of a build.
+///
+/// # Errors
+/// The build fails.
+pub(super) fn with_progress<T>(
+    build: impl FnOnce(&dyn Fn(BuildProgress<'_>)) -> Result<T>,
+) -> Result<T> {
     let spinner = ProgressBar::new_spinner();
     spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?);
     spinner.enable_steady_tick(Duration::from_millis(100));
     let print = |text: &str| spinner.suspend(|| ui::message(format_args!("{text}")));
     let said = Cell::new(Instant::now());
-    let written = fmu_build::export(options, &|progress| match progress {
+    let built = build(&|progress| match progress {
         // Without a terminal, there is no spinner.
         BuildProgress::Building(text) if spinner.is_hidden() => {
             said.set(Instant::now());
@@ -53,7 +63,7 @@ pub fn build(options: &ExportOptions) -> Result<Vec<ExportedFmu>> {
         BuildProgress::Said(text) => print(text),
     });
     spinner.finish_and_clear();
-    written
+    built
 }
 
 /// Prints an FMU that was written, its size and its platforms.

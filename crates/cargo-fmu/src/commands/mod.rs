@@ -11,6 +11,7 @@ mod limits;
 pub mod merge;
 pub mod new;
 mod over;
+pub mod pack;
 pub mod replay;
 pub mod run;
 pub mod simulate;

@@ -10,6 +10,7 @@ use fmu_file::archive::relative;
 use fmu_file::platform::Platform;
 use toml::de::{DeTable, DeValue};
 
+use super::text::quoted;
 use super::{Interface, SYSTEM_FILE, in_container};
 use crate::{Description, Fmu, Plan};
 
@@ -165,7 +166,7 @@ fn with_files(text: &str, fmus: &[&str], input: Option<&str>) -> Result<String> 
     replaced.sort_by_key(|(span, _)| span.start);
     let mut text = text.to_owned();
     for (span, file) in replaced.into_iter().rev() {
-        text.replace_range(span, &format!("{file:?}"));
+        text.replace_range(span, &quoted(file));
     }
     Ok(text)
 }

@@ -28,6 +28,8 @@ pub struct Container {
     interface: Interface,
     version: FmiVersion,
     system: System,
+    /// The stop time of the host (s), if there is one.
+    stop: Option<f64>,
     /// The values of inputs and parameters that the host has set, by value reference.
     given: BTreeMap<u32, Value>,
     /// The next communication point.
@@ -120,6 +122,7 @@ impl Container {
             description,
             interface,
             version,
+            stop: None,
             system: System::Planned(Box::new(plan)),
             given: BTreeMap::new(),
             k: 0,
@@ -159,6 +162,7 @@ impl Container {
             )
             .into());
         }
+        self.stop = stop;
         let times = &mut self.description;
         (times.start, times.stop) = (start, stop.unwrap_or(start + ENDLESS * times.step));
         let plan = match std::mem::replace(&mut self.system, System::None) {
@@ -255,6 +259,15 @@ impl Container {
         if !((time - expected).abs() <= 2.0 * rounding * own) {
             return Err(format!(
                 "the step begins at t = {time:?} s, expected {expected:?} s, which the container has reached"
+            )
+            .into());
+        }
+        if let Some(stop) = self.stop
+            && time + step > stop + rounding * own
+        {
+            return Err(format!(
+                "the step ends at t = {:?} s, expected at most the stop time, {stop:?} s",
+                time + step
             )
             .into());
         }
@@ -416,9 +429,19 @@ impl Container {
             return Err(format!("{name} cannot be set: it is {reason}").into());
         }
         let value = given.map_err(|found| format!("{name} = {found}"))?;
-        converted(&value, *of_type).ok_or_else(|| {
-            let of_type = of_type.as_str();
-            format!("{name} = {value}, expected a value of the type {of_type}").into()
+        let converted = converted(&value, *of_type);
+        let is_item = |value: &Value| {
+            let items = exposed.variable.items();
+            let number = value.as_whole();
+            let mut known = items.iter().map(|item| Some(i128::from(item.value)));
+            *of_type != Type::Enumeration || items.is_empty() || known.any(|known| known == number)
+        };
+        converted.filter(is_item).ok_or_else(|| {
+            let expected = match of_type {
+                Type::Enumeration => exposed.variable.expected(),
+                of_type => format!("a value of the type {}", of_type.as_str()),
+            };
+            format!("{name} = {value}, expected {expected}").into()
         })
     }
 

@@ -23,8 +23,6 @@ pub struct Interface {
     units: BTreeMap<String, Vec<(String, f64)>>,
     /// Why the state cannot be saved, if so.
     pub(super) unsavable: Option<String>,
-    /// Why the state cannot be serialized, if so.
-    pub(super) unserializable: Option<String>,
     is_single_instance: bool,
     guid: String,
 }
@@ -99,7 +97,6 @@ impl Interface {
         };
         let mut interface = Self {
             units: units(plan, &exposed),
-            unserializable: state(Fmu::unserializable),
             unsavable: state(Fmu::unsavable),
             is_single_instance: components.iter().any(|component| component.fmu.only_once),
             guid: String::new(),
@@ -158,7 +155,8 @@ impl Interface {
             description: format!("System of {components}"),
             has_log: true,
             is_unsaved: self.unsavable.is_some(),
-            is_unserialized: self.unserializable.is_some(),
+            // States are kept in memory.
+            is_unserialized: true,
             is_single_instance: self.is_single_instance,
             naming,
             default_experiment: (stop, step),

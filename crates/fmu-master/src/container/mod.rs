@@ -9,6 +9,7 @@ mod contents;
 pub(crate) mod expose;
 mod instance;
 mod interface;
+mod text;
 
 pub use contents::Contents;
 pub use expose::Expose;

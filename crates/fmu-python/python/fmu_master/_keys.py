@@ -108,6 +108,7 @@ SYSTEM = {
     "allow_algebraic_loops": FLAG,
     **LOOPS,
     "seed": WHOLE,
+    "expose": Kind("a dict of what a container exposes", lambda value: hasattr(value, "keys")),
 }
 """The keys of a system."""
 

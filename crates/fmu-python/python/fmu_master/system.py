@@ -195,6 +195,44 @@ class System:
             for runner in system._runners.values():
                 runner.free()
 
+    def pack(
+        self,
+        out: str | os.PathLike[str],
+        *,
+        fmi: str = "2.0",
+        targets: Sequence[str] = (),
+        binaries: Mapping[str, str | os.PathLike[str]] = MappingProxyType({}),
+    ) -> list[str]:
+        """Write the system as one FMU, a container with the master inside.
+
+        The master is built by cargo once, which needs a Rust toolchain, unless `binaries` has
+        libraries of the crate `fmu-container` that were built elsewhere.
+
+        Parameters
+        ----------
+        out
+            The FMU.
+        fmi
+            Version of FMI, "2.0" or "3.0".
+        targets
+            Rust targets to build the master for; by default, this machine.
+        binaries
+            Libraries by their platforms, such as `{"linux64": "libfmu_container.so"}`.
+
+        Returns
+        -------
+        list of str
+            What is left out, and what hosts of the FMU cannot do.
+
+        Raises
+        ------
+        FmuError
+            The system is invalid or cannot be packed, or a build fails.
+        """
+        given = [f"{platform}={os.fspath(file)}" for platform, file in binaries.items()]
+        text = self.toml if self.description is not None else None
+        return _native.pack(self.file, text, Path(out), fmi, list(targets), given)
+
     @suggests
     def simulate(
         self,
