@@ -20,8 +20,10 @@ impl Description {
         );
         let Self { start, stop, step, .. } = self;
         let mut text = format!("start = {start:?}\nstop = {stop:?}\nstep = {step:?}\n");
-        if self.order == Order::Parallel {
-            text += "order = \"parallel\"\n";
+        match self.order {
+            Order::Sequential => {}
+            Order::Parallel => text += "order = \"parallel\"\n",
+            Order::Implicit => text += "order = \"implicit\"\n",
         }
         if self.allow_algebraic_loops {
             text += "allow_algebraic_loops = true\n";

@@ -15,6 +15,7 @@ pub(super) fn html(description: &Description, contents: &Contents) -> String {
     let order = match description.order {
         Order::Sequential => "one after the other",
         Order::Parallel => "in parallel",
+        Order::Implicit => "again and again until their outputs agree",
     };
     let rows = contents.components.iter().map(|(name, file, platforms)| {
         let platforms = Vec::from_iter(platforms.iter().map(String::as_str)).join(", ");
