@@ -511,7 +511,7 @@ def test_the_python_module_packs_the_same_file(nested: Path, library: Path, tmp_
     pair = System(nested / "pair.toml")
     pair.pack(tmp_path / "Pair.fmu", binaries={"linux64": library})
     assert (tmp_path / "Pair.fmu").read_bytes() == (nested / "Pair.fmu").read_bytes()
-    with pytest.raises(FmuError, match='fmi = "1.0", expected'):
+    with pytest.raises(FmuError, match=r'fmi = "1\.0", expected'):
         pair.pack(tmp_path / "Other.fmu", fmi="1.0", binaries={"linux64": library})
 
 

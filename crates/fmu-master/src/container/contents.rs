@@ -52,7 +52,7 @@ impl Contents {
                 continue;
             }
             let folder = unused_name(&fmu.path, folders.values());
-            add_files(&unpacked, &folder, &mut resources)
+            add_files(unpacked, &folder, &mut resources)
                 .with_context(|| format!("{} cannot be packed", fmu.path.display()))?;
             folders.insert(fmu.path.clone(), folder);
         }

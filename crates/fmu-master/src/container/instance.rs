@@ -247,16 +247,16 @@ impl Container {
         let own = self.description.step;
         let steps = (step / own).round();
         let rounding = (time.abs() * f64::EPSILON / own).max(1e-6);
-        // A NaN is none of these.
-        let fits = steps >= 1.0 && steps < 1e9 && (step / own - steps).abs() <= rounding * steps;
-        if !fits {
+        let is_multiple = (step / own - steps).abs() <= rounding * steps;
+        if !is_multiple || !(1.0..1e9).contains(&steps) {
             return Err(format!(
                 "the communication step is {step:?} s, expected the step of the system, {own:?} s, or a multiple"
             )
             .into());
         }
         let expected = self.time();
-        if !((time - expected).abs() <= 2.0 * rounding * own) {
+        let is_reached = (time - expected).abs() <= 2.0 * rounding * own;
+        if !is_reached {
             return Err(format!(
                 "the step begins at t = {time:?} s, expected {expected:?} s, which the container has reached"
             )
