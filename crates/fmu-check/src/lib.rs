@@ -104,7 +104,7 @@ pub fn check(file: &Path, scope: &Scope<'_>, findings: &mut Findings) {
         return;
     }
     part("the reference results", findings, &mut |findings| {
-        references::check(&model, &mut archive, scope.perform, findings);
+        references::check(&model, &mut archive, scope, findings);
     });
     let (begin, mut compiled) = (Instant::now(), None);
     if let Some(control) = &scope.compile {

@@ -2,6 +2,7 @@
 //! reference results, with which runs are compared.
 
 use std::collections::HashSet;
+use std::time::Instant;
 
 use anyhow::Result;
 use fmu_description::ModelDescription;
@@ -9,6 +10,7 @@ use fmu_file::archive::Archive;
 use fmu_file::references::{Experiment, FaultKind, MANIFEST, References, TABLE};
 use fmu_file::text::quote;
 
+use crate::Scope;
 use crate::finding::{Findings, Location, find};
 use crate::rule::rule;
 
@@ -28,11 +30,11 @@ pub struct ReferenceRun<'a> {
 /// The run fails, or the results cannot be compared.
 pub type Perform<'a> = dyn Fn(&ReferenceRun<'_>) -> Result<Vec<String>> + 'a;
 
-/// Checks the files, and performs the experiments if there is a way to do so.
+/// Checks the files, and performs the experiments if there is a way to do so, until the time is over.
 pub fn check(
     model: &ModelDescription<'_>,
     archive: &mut Archive,
-    perform: Option<&Perform<'_>>,
+    scope: &Scope<'_>,
     findings: &mut Findings,
 ) {
     let Some(references) = References::read(archive) else { return };
@@ -60,12 +62,16 @@ pub fn check(
             }
         }
     }
-    let Some(perform) = perform else { return };
+    let Some(perform) = scope.perform else { return };
     for Experiment { name, references: results, tolerance, other_analysis, file, line, .. } in
         &references.experiments
     {
         let Some(results) = results.as_ref().filter(|_| other_analysis.is_none()) else { continue };
         let at = || Location { line: Some(*line), ..file.as_str().into() };
+        if Instant::now() >= scope.deadline {
+            find!(findings, "not-tested" at at(), "there was no time for the experiment {}", quote(name));
+            return;
+        }
         // A table of another type is no mistake.
         if results.of_type != TABLE || !archive.names.contains(&results.file) {
             continue;
@@ -91,6 +97,9 @@ pub fn check(
     let results = references.files.iter();
     let results = results.filter(|related| related.role == "result" && related.of_type == TABLE);
     for related in results.filter(|related| !related.is_elsewhere) {
+        if Instant::now() >= scope.deadline {
+            return find!(findings, "not-tested" at MANIFEST, "there was no time for {}", related.file);
+        }
         let Ok(Some(results)) = archive.text(&related.file) else { continue };
         let run = ReferenceRun { experiment: None, results: &results, tolerance: None };
         let at = || Location { line: Some(related.line), ..MANIFEST.into() };

@@ -6,6 +6,7 @@
 //! before 1.0.0-alpha.1 hold the experiments themselves.
 
 use std::cell::RefCell;
+use std::collections::HashSet;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::{self, Element};
@@ -169,47 +170,48 @@ pub enum FaultKind {
     Missing,
 }
 
-impl References {
-    /// What an archive has, if it has a manifest.
-    pub fn read(archive: &mut Archive) -> Option<Self> {
-        archive.names.iter().any(|name| name == MANIFEST).then(|| {
-            let mut references = Self::default();
-            references.read_document(archive, MANIFEST, &mut Self::manifest);
-            references
-        })
-    }
+/// Reads what an archive has, each file once.
+struct Reader<'a> {
+    archive: &'a mut Archive,
+    /// The names of the files in the archive.
+    names: HashSet<String>,
+    /// The files that were read, and as what; and the names of the experiments in them.
+    read: HashSet<(String, &'static str)>,
+    experiments: HashSet<String>,
+    found: References,
+}
 
-    /// Reads a document, or notes why it cannot be read.
-    fn read_document(
+impl Reader<'_> {
+    /// Reads a document unless it was read before, or notes why it cannot be read.
+    fn document(
         &mut self,
-        archive: &mut Archive,
         file: &str,
-        read: &mut dyn FnMut(&mut Self, &mut Archive, &Element<'_>),
+        what: &'static str,
+        read: fn(&mut Self, &str, &Element<'_>),
     ) {
-        let text = archive.text(file).and_then(|text| text.context("there is no such file"));
+        if !self.read.insert((file.to_owned(), what)) {
+            return;
+        }
+        let text = self.archive.text(file).and_then(|text| text.context("there is no such file"));
         let read = text.and_then(|text| {
-            read(self, archive, &xml::parse(&text)?);
+            read(self, file, &xml::parse(&text)?);
             Ok(())
         });
         if let Err(error) = read {
-            let text = format!("{error:#}");
-            self.faults.push(Fault {
-                kind: FaultKind::Unreadable,
-                file: file.to_owned(),
-                line: None,
-                text,
-            });
+            let (kind, text) = (FaultKind::Unreadable, format!("{error:#}"));
+            self.found.faults.push(Fault { kind, file: file.to_owned(), line: None, text });
         }
     }
 
     fn fault(&mut self, kind: FaultKind, file: &str, element: &Element<'_>, text: String) {
-        self.faults.push(Fault { kind, file: file.to_owned(), line: Some(element.line), text });
+        let line = Some(element.line);
+        self.found.faults.push(Fault { kind, file: file.to_owned(), line, text });
     }
 
-    fn manifest(&mut self, archive: &mut Archive, root: &Element<'_>) {
+    fn manifest(&mut self, file: &str, root: &Element<'_>) {
         if root.name != MANIFEST_ROOT {
             let text = format!("the root is {}, expected {MANIFEST_ROOT}", quote(root.name));
-            return self.fault(FaultKind::Form, MANIFEST, root, text);
+            return self.fault(FaultKind::Form, file, root, text);
         }
         for (name, expected) in ATTRIBUTES {
             let mut attributes = root.attributes.iter();
@@ -217,30 +219,30 @@ impl References {
             match found {
                 None => {
                     let text = format!("{MANIFEST_ROOT} has no {name}, expected {expected:?}");
-                    self.fault(FaultKind::Form, MANIFEST, root, text);
+                    self.fault(FaultKind::Form, file, root, text);
                 }
                 Some((_, value)) if name == "fmi-ls-name" && value != expected => {
                     let text = format!("{name} is {}, expected {expected:?}", quote(value));
-                    self.fault(FaultKind::Form, MANIFEST, root, text);
+                    self.fault(FaultKind::Form, file, root, text);
                 }
                 Some(_) => {}
             }
         }
         for element in &root.children {
             match element.name {
-                "Related" => self.related(archive, element),
-                "Experiment" => self.experiment(archive, MANIFEST, element),
+                "Related" => self.related(element),
+                "Experiment" => self.experiment(file, element),
                 "Annotations" => {}
                 other => {
                     let text =
                         format!("the element {} is not known, expected Related", quote(other));
-                    self.fault(FaultKind::Form, MANIFEST, element, text);
+                    self.fault(FaultKind::Form, file, element, text);
                 }
             }
         }
     }
 
-    fn related(&mut self, archive: &mut Archive, element: &Element<'_>) {
+    fn related(&mut self, element: &Element<'_>) {
         let attribute = |name| element.attribute(name).unwrap_or_default().to_owned();
         let (role, source) = (attribute("role"), attribute("source"));
         let main = role.split('/').next().unwrap_or_default();
@@ -248,7 +250,7 @@ impl References {
             let text = format!("role is {}, expected one of {}", quote(&role), ROLES.join(", "));
             self.fault(FaultKind::Form, MANIFEST, element, text);
         }
-        let Some(found) = self.find(archive, MANIFEST, element, &source) else { return };
+        let Some(found) = self.find(MANIFEST, element, &source) else { return };
         let of_type = element.attribute("type").unwrap_or("application/octet-stream").to_owned();
         let related = RelatedFile {
             file: found.file.clone(),
@@ -258,33 +260,25 @@ impl References {
             line: element.line,
             role: role.clone(),
         };
-        self.files.push(related);
+        self.found.files.push(related);
         if !found.is_there {
             return;
         }
         match main {
-            "parameter" => self.parameter_set(archive, &found.file),
-            "experiment" => self.read_document(archive, &found.file, &mut |all, archive, root| {
-                all.experiments(archive, &found.file, root);
-            }),
+            "parameter" => self.document(&found.file, "parameter set", Self::parameter_set),
+            "experiment" => self.document(&found.file, "experiments", Self::experiments),
             _ => {}
         }
     }
 
     /// Finds the file of a source, which is relative to the file that has it.
-    fn find(
-        &mut self,
-        archive: &Archive,
-        base: &str,
-        element: &Element<'_>,
-        source: &str,
-    ) -> Option<Found> {
+    fn find(&mut self, base: &str, element: &Element<'_>, source: &str) -> Option<Found> {
         match resolve(base, source) {
             Ok(None) => {
                 Some(Found { file: source.to_owned(), is_elsewhere: true, is_there: false })
             }
             Ok(Some(file)) => {
-                let is_there = archive.names.contains(&file);
+                let is_there = self.names.contains(&file);
                 if !is_there {
                     let text = format!("source is {}, but the FMU has no {file}", quote(source));
                     self.fault(FaultKind::Missing, base, element, text);
@@ -299,30 +293,25 @@ impl References {
         }
     }
 
-    fn parameter_set(&mut self, archive: &mut Archive, file: &str) {
-        if self.parameter_sets.iter().any(|set| set.file == file) {
-            return;
+    fn parameter_set(&mut self, file: &str, root: &Element<'_>) {
+        if local(root.name) != "ParameterSet" {
+            let text = format!("the root is {}, expected a ParameterSet", quote(root.name));
+            return self.fault(FaultKind::Form, file, root, text);
         }
-        self.read_document(archive, file, &mut |all, _, root| {
-            if local(root.name) != "ParameterSet" {
-                let text = format!("the root is {}, expected a ParameterSet", quote(root.name));
-                return all.fault(FaultKind::Form, file, root, text);
-            }
-            let lists = root.children.iter().filter(|list| local(list.name) == "Parameters");
-            let parameters = lists.flat_map(|list| &list.children);
-            let parameters =
-                parameters.filter_map(|parameter| Some(parameter.attribute("name")?.to_owned()));
-            let name = root.attribute("name").filter(|name| !name.is_empty());
-            all.parameter_sets.push(ParameterSet {
-                name: name.unwrap_or_else(|| stem(file)).to_owned(),
-                description: root.attribute("description").unwrap_or_default().to_owned(),
-                file: file.to_owned(),
-                parameters: parameters.collect(),
-            });
+        let lists = root.children.iter().filter(|list| local(list.name) == "Parameters");
+        let parameters = lists.flat_map(|list| &list.children);
+        let parameters =
+            parameters.filter_map(|parameter| Some(parameter.attribute("name")?.to_owned()));
+        let name = root.attribute("name").filter(|name| !name.is_empty());
+        self.found.parameter_sets.push(ParameterSet {
+            name: name.unwrap_or_else(|| stem(file)).to_owned(),
+            description: root.attribute("description").unwrap_or_default().to_owned(),
+            file: file.to_owned(),
+            parameters: parameters.collect(),
         });
     }
 
-    fn experiments(&mut self, archive: &mut Archive, file: &str, root: &Element<'_>) {
+    fn experiments(&mut self, file: &str, root: &Element<'_>) {
         if root.name != EXPERIMENTS_ROOT {
             let text = format!("the root is {}, expected {EXPERIMENTS_ROOT}", quote(root.name));
             return self.fault(FaultKind::Form, file, root, text);
@@ -331,10 +320,10 @@ impl References {
         if elements.peek().is_none() {
             self.fault(FaultKind::Form, file, root, "it has no Experiment".to_owned());
         }
-        elements.for_each(|element| self.experiment(archive, file, element));
+        elements.for_each(|element| self.experiment(file, element));
     }
 
-    fn experiment(&mut self, archive: &mut Archive, file: &str, element: &Element<'_>) {
+    fn experiment(&mut self, file: &str, element: &Element<'_>) {
         const PARTS: [&str; 5] = ["Parameters", "Stimuli", "References", "Annotations", SIMULATION];
         let kind = element.children.iter().find(|child| !PARTS.contains(&child.name));
         let simulation = element.child(SIMULATION);
@@ -362,7 +351,7 @@ impl References {
             line: element.line,
             ..Experiment::default()
         };
-        if name.is_empty() || self.experiments.iter().any(|other| other.name == name) {
+        if name.is_empty() || !self.experiments.insert(name.clone()) {
             let text = format!("the name of the experiment is {}, expected its own", quote(&name));
             faults.borrow_mut().push(text);
         }
@@ -374,18 +363,32 @@ impl References {
             let element = element.child(part)?;
             let source = element.attribute("source").unwrap_or_default();
             let of_type = element.attribute("type").unwrap_or(default).to_owned();
-            let found = self.find(archive, file, element, source)?;
+            let found = self.find(file, element, source)?;
             Some(Source { file: found.file, of_type })
         };
         experiment.parameters = source("Parameters", PARAMETER_SET);
         experiment.stimuli = source("Stimuli", TABLE);
         experiment.references = source("References", TABLE);
         if let Some(Source { file, .. }) = &experiment.parameters
-            && archive.names.contains(file)
+            && self.names.contains(file)
         {
-            self.parameter_set(archive, file);
+            self.document(file, "parameter set", Self::parameter_set);
         }
-        self.experiments.push(experiment);
+        self.found.experiments.push(experiment);
+    }
+}
+
+impl References {
+    /// What an archive has, if it has a manifest.
+    pub fn read(archive: &mut Archive) -> Option<Self> {
+        let names: HashSet<String> = archive.names.iter().cloned().collect();
+        names.contains(MANIFEST).then(|| {
+            let (read, experiments) = (HashSet::new(), HashSet::new());
+            let found = Self::default();
+            let mut reader = Reader { archive, names, read, experiments, found };
+            reader.document(MANIFEST, "manifest", Reader::manifest);
+            reader.found
+        })
     }
 
     /// The parameter set of a name: the one in its file, or the name or path of the file.

@@ -1,7 +1,7 @@
 //! Parameter sets and experiments of the layered standard FMI-LS-REF, which an FMU brings along.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_file::archive::Archive;
@@ -9,17 +9,7 @@ use fmu_file::references::{MANIFEST, PARAMETER_SET, References, Source, TABLE};
 
 use crate::declarations::Declarations;
 use crate::ssp::{SetParameter, parameter_set};
-use crate::table::{self, Series};
-use crate::{Component, Description};
-
-/// A table of inputs in an FMU.
-#[derive(Debug, Clone)]
-pub struct Stimuli {
-    /// The file of the FMU.
-    pub fmu: PathBuf,
-    /// The file in the FMU.
-    pub file: String,
-}
+use crate::{Component, Description, Stimuli};
 
 /// Whether a name is that of a file with a parameter set.
 pub(crate) fn is_parameter_file(name: &str) -> bool {
@@ -92,17 +82,6 @@ impl Description {
         let stimuli = file(&experiment.stimuli, TABLE)?;
         self.stimuli = stimuli.map(|file| Stimuli { fmu: component.fmu.clone(), file });
         Ok(())
-    }
-}
-
-impl Stimuli {
-    /// The columns of the table, whose cells are texts.
-    ///
-    /// # Errors
-    /// It cannot be read, or is no table.
-    pub(crate) fn read(&self) -> Result<Vec<Series>> {
-        let text = Archive::open_sound(&self.fmu)?.text(&self.file)?;
-        table::texts_of(text.with_context(|| format!("there is no {}", self.file))?)
     }
 }
 

@@ -402,8 +402,8 @@ def simulate(
     output_step
         Time between two rows [s], a multiple of the communication step, which it is by default.
     parameters
-        Name of a parameter set that the FMU has, or a file with one (`.ssv`); `start_values` replace
-        its values.
+        Name of a parameter set that the FMU has, or a file with one (`.ssv`), whose values
+        `start_values` replace.
     experiment
         Name of an experiment that the FMU has, which gives times, tolerance, parameters and inputs,
         unless other arguments do.
