@@ -230,7 +230,7 @@ fn replay(service: &mut Service, source: &ReplaySource) -> Result<Replayed> {
         let function = Function::named(&traced.call.function).or(Some(Function::LOADING));
         service.record().calls(traced.component).begin(function);
         if traced.status.is_none() {
-            let how = traced.ended.as_deref().unwrap_or("the process ended");
+            let how = traced.ended.as_deref().unwrap_or("has ended");
             service.reply(&Report::Open(how.to_owned()));
         }
         let text = match replica.repeat(&traced, component)? {
@@ -366,8 +366,9 @@ impl Replica {
         let logged = message.map(|text| format!("; it logged {text:?}")).unwrap_or_default();
         let (now, then) = (observed.status.clone().unwrap_or_default(), traced.status.as_ref());
         let Some(then) = then else {
-            let how = traced.ended.as_deref().unwrap_or("the process ended");
-            return Some(format!("it returned {}, in the trace {how}{logged}", shown(&now)));
+            let how = traced.ended.as_deref().unwrap_or("has ended");
+            let now = shown(&now);
+            return Some(format!("it returned {now}, in the trace the process {how}{logged}"));
         };
         if now != *then {
             return Some(format!(
@@ -376,53 +377,38 @@ impl Replica {
                 shown(then)
             ));
         }
-        let differs = |now: &Value, then: &Value| match (number(now), number(then)) {
-            (Some(now), Some(then)) => {
-                let Tolerance { absolute, relative } = tolerance;
-                let is_near = (now - then).abs() <= absolute + relative * then.abs();
-                !(is_near || now.to_bits() == then.to_bits())
-            }
-            _ => now != then,
-        };
         let names = Vec::from_iter(component.names(&traced.call));
         let mut texts = Vec::new();
-        for (name, then) in &traced.out {
-            // A serialized state may have any bytes, and a state any address.
-            if name == "bytes" || name == "state" {
-                continue;
+        let mut compare = |name: &str, now: &Value, then: &Value| {
+            if differs(now, then, tolerance) {
+                texts.push(format!("{name} = {}, in the trace {}", shown(now), shown(then)));
             }
-            let now = observed.out.get(name).unwrap_or(&Value::Null);
-            match (now, then) {
-                (Value::Array(now), Value::Array(then)) if now.len() == then.len() => {
+        };
+        // A serialized state may have any bytes, and a state any address.
+        let compared = traced.out.iter().filter(|(name, _)| *name != "bytes" && *name != "state");
+        for (name, then) in compared {
+            match (observed.out.get(name), then) {
+                (Some(Value::Array(now)), Value::Array(then)) if now.len() == then.len() => {
+                    let is_of_variables = then.len() == names.len();
                     for (index, (now, then)) in now.iter().zip(then).enumerate() {
-                        if differs(now, then) {
-                            let of_list = || format!("{name}[{}]", index + 1);
-                            let name =
-                                match then.is_array() || names.len() != traced_len(traced, name) {
-                                    true => of_list(),
-                                    false => names.get(index).cloned().unwrap_or_else(of_list),
-                                };
-                            texts.push(format!(
-                                "{name} = {}, in the trace {}",
-                                shown(now),
-                                shown(then)
-                            ));
+                        match is_of_variables {
+                            true => compare(&names[index], now, then),
+                            false => compare(&format!("{name}[{}]", index + 1), now, then),
                         }
                     }
                 }
-                _ if differs(now, then) => {
-                    texts.push(format!("{name} = {}, in the trace {}", shown(now), shown(then)));
-                }
-                _ => {}
+                (now, then) => compare(name, now.unwrap_or(&Value::Null), then),
             }
         }
         (!texts.is_empty()).then(|| texts.join("; ") + &logged)
     }
 }
 
-/// The number of elements of a list that the FMU wrote.
-fn traced_len(traced: &TracedCall, name: &str) -> usize {
-    traced.out.get(name).and_then(Value::as_array).map_or(0, Vec::len)
+fn differs(now: &Value, then: &Value, tolerance: Tolerance) -> bool {
+    let (Some(x), Some(y)) = (number(now), number(then)) else { return now != then };
+    let Tolerance { absolute, relative } = tolerance;
+    let is_near = (x - y).abs() <= absolute + relative * y.abs();
+    !is_near && x != y && !(x.is_nan() && y.is_nan())
 }
 
 /// The type of access in FMI 2.0; in FMI 3.0, all value references differ.
