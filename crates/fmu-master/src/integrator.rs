@@ -5,7 +5,7 @@
 //! continuous enters event mode at each communication point, where such inputs may be set. An event at the end of a
 //! step waits for the inputs of that communication point, if they come from other components.
 
-use fmu_description::{FmiVersion, Variability};
+use fmu_description::{FmiVersion, Value, Variability};
 use fmu_host::Instance;
 use ode_methods::solver::{
     self, Advanced, DormandPrince, Events, OdeSystem, Rodas5p, Step, Workspace,
@@ -62,6 +62,29 @@ struct InternalRecord<'a> {
     /// The next communication point (s).
     end: f64,
     points: Vec<(f64, Store)>,
+}
+
+impl InternalRecord<'_> {
+    /// Gets the outputs at the end of an internal step, unless it is a communication point.
+    fn record(&mut self, recorded: &mut RecordedInstance, time: f64) -> IntegrationResult {
+        if time >= self.end {
+            return Ok(());
+        }
+        for VariableGroup { access_type, get, outputs, first_output, .. } in self.groups {
+            if outputs.references.is_empty() {
+                continue;
+            }
+            let mut values = vec![Value::Boolean(false); outputs.elements];
+            recorded.calls.begin(*get);
+            let got = recorded.instance.get_values(*access_type, &outputs.references, &mut values);
+            recorded.warn(got.map_err(|failure| IntegrationError::Call(failure, String::new()))?);
+            for (index, position) in outputs.positions.iter().enumerate() {
+                self.outputs.set(first_output.plus(index), values[*position].clone());
+            }
+        }
+        self.points.push((time, self.outputs.clone()));
+        Ok(())
+    }
 }
 
 /// What an integrator keeps between steps, which is saved in files. The rest is computed again at the start of a step.
@@ -417,11 +440,8 @@ impl OdeSystem for ComponentEquations<'_, '_> {
         if completed.terminate {
             return Err(self.recorded.terminated(operation, time));
         }
-        if let Some(InternalRecord { groups, outputs, end, points }) = &mut self.integrator.internal
-            && time < *end
-        {
-            self.recorded.read_outputs(groups, outputs)?;
-            points.push((time, outputs.clone()));
+        if let Some(internal) = &mut self.integrator.internal {
+            internal.record(self.recorded, time)?;
         }
         Ok(completed.enter_event_mode)
     }

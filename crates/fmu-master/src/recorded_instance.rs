@@ -3,15 +3,13 @@
 use std::fmt::Arguments;
 use std::sync::LazyLock;
 
-use fmu_description::{FmiVersion, Value};
+use fmu_description::FmiVersion;
 use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
 use ode_methods::solver;
 
 use crate::access_list::accessor;
-use crate::store::Store;
 use crate::table_inputs::TableInputs;
-use crate::wiring::VariableGroup;
 use crate::{Advice, Messages};
 
 /// The instance of a component, whose calls are recorded.
@@ -126,7 +124,7 @@ impl RecordedInstance {
         Ok(())
     }
 
-    fn warn(&self, success: Success) {
+    pub(crate) fn warn(&self, success: Success) {
         if let Success::Warning(function) = success {
             self.messages.warn(&self.name, function);
         }
@@ -143,27 +141,6 @@ impl RecordedInstance {
             self.calls.begin(accessor("set", self.version, access_type));
             let set = self.instance.set_values(access_type, &[reference], &values);
             self.warn(set.map_err(|failure| IntegrationError::Call(failure, String::new()))?);
-        }
-        Ok(())
-    }
-
-    /// Gets the outputs of all groups into the store.
-    pub(crate) fn read_outputs(
-        &mut self,
-        groups: &[VariableGroup],
-        outputs: &mut Store,
-    ) -> IntegrationResult {
-        for VariableGroup { access_type, get, outputs: list, first_output, .. } in groups {
-            if list.references.is_empty() {
-                continue;
-            }
-            let mut values = vec![Value::Boolean(false); list.elements];
-            self.calls.begin(*get);
-            let got = self.instance.get_values(*access_type, &list.references, &mut values);
-            self.warn(got.map_err(|failure| IntegrationError::Call(failure, String::new()))?);
-            for (index, position) in list.positions.iter().enumerate() {
-                outputs.set(first_output.plus(index), values[*position].clone());
-            }
         }
         Ok(())
     }
