@@ -1,7 +1,7 @@
 //! The components of a system with their loaded FMUs, and the names of their variables, `component.variable`.
 
 use std::borrow::Cow;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -222,24 +222,21 @@ impl Components {
         let is_invalid = |c: char| c.is_control() || (c == '.' && description.package.is_none());
         let mut fmus = Fmus::new();
         let mut all: Vec<LoadedComponent> = Vec::new();
+        let (mut names, mut users) = (HashSet::new(), HashMap::new());
         for component in &description.components {
             let name = &component.name;
             ensure!(
                 !name.is_empty() && !name.contains(is_invalid),
                 "the component name {name:?} is invalid; expected a name without dots and control characters"
             );
-            ensure!(
-                all.iter().all(|other| other.name != *name),
-                "two components have the name {name}"
-            );
+            ensure!(names.insert(name), "two components have the name {name}");
             check_tolerance(&format!("tolerance of {name}"), component.tolerance)?;
             let new = LoadedComponent::load(component, description, &mut fmus)?;
-            if let Some(other) = all.iter().find(|c| c.fmu.path == new.fmu.path) {
+            if let Some(other) = users.insert(new.fmu.path.clone(), name) {
                 ensure!(
                     !new.fmu.only_once,
-                    "{} allows only one instance; {} and {name} both use it",
-                    new.fmu.file_name(),
-                    other.name
+                    "{} allows only one instance; {other} and {name} both use it",
+                    new.fmu.file_name()
                 );
             }
             all.push(new);

@@ -10,6 +10,8 @@
 //! 3. Units: the set-point is the only one of its unit, and so is the other variable, apart from errors and
 //!    disturbances.
 
+use std::collections::HashMap;
+
 use serde::{Deserialize, Serialize};
 
 use fmu_description::{Causality, Variability};
@@ -44,92 +46,141 @@ const DEVIATIONS: &[&str] =
 pub fn of_plan(plan: &Plan) -> Vec<Curve> {
     let components = &plan.components;
     // Where the value of a variable comes from.
-    let source = |id: ScalarId| {
-        let connection = plan.connections.iter().find(|c| c.to == id && c.conversion.is_none());
-        connection.map_or(id, |connection| connection.from)
-    };
-    let carrier =
-        |input: ScalarId| plan.recorded.iter().position(|id| source(*id) == source(input));
-    let quantity_of = |id: &ScalarId| quantity(&components[id.component].fmu.name(id.scalar));
-    let mut curves = Vec::from_iter(plan.recorded.iter().map(|id| {
-        let variable = id.variable(components);
-        let is_continuous = variable.variability == Variability::Continuous;
-        Curve { is_held: !is_continuous || components[id.component].sampled, set_point: None }
+    let unchanged = plan.connections.iter().filter(|connection| connection.conversion.is_none());
+    let sources: HashMap<_, _> =
+        unchanged.map(|connection| (connection.to, connection.from)).collect();
+    let source = |id: ScalarId| sources.get(&id).copied().unwrap_or(id);
+    // The first recorded variable with the value of a source.
+    let recorded = plan.recorded.iter().enumerate().rev();
+    let carriers: HashMap<_, _> = recorded.map(|(index, id)| (source(*id), index)).collect();
+    let carrier = |input: ScalarId| carriers.get(&source(input)).copied();
+    let mut curves = Curves::new(plan.recorded.iter().map(|id| {
+        let is_continuous = id.variable(components).variability == Variability::Continuous;
+        !is_continuous || components[id.component].sampled
     }));
-    let unit = |id: &ScalarId| id.variable(components).unit.as_deref();
     for (component, loaded) in components.iter().enumerate() {
         let inputs = (0..loaded.fmu.scalars.len()).map(|scalar| ScalarId { component, scalar });
-        let inputs = Vec::from_iter(inputs.filter(|id| {
+        let inputs = inputs.filter(|id| {
             let variable = id.variable(components);
             variable.causality == Causality::Input && variable.of_type.is_float()
-        }));
-        for input in &inputs {
-            let Some(quantity) = quantity_of(input) else { continue };
-            let others = inputs.iter().filter(|other| unit(other) == unit(input));
-            let others = Vec::from_iter(others.filter(|other| quantity_of(other).is_none()));
-            let named = |id: &&&ScalarId| follows(&loaded.fmu.name(id.scalar), &quantity);
-            let follower = others.iter().find(named).or(match &others[..] {
-                [only] => Some(only),
-                _ => None,
-            });
-            let found = follower.and_then(|other| Some((carrier(**other)?, carrier(*input)?)));
+        });
+        let named = inputs.map(|id| {
+            let unit = id.variable(components).unit.as_deref().unwrap_or_default();
+            (id, unit, loaded.fmu.name(id.scalar))
+        });
+        let signals = Signals::new(named, |_| "");
+        for (input, unit, quantity) in &signals.set_points {
+            let follower = signals.named(unit, "", quantity).or(signals.only(unit));
+            let found = follower.and_then(|other| Some((carrier(other)?, carrier(*input)?)));
             if let Some((follower, set_point)) = found {
-                pair(&mut curves, follower, set_point);
+                curves.pair(follower, set_point);
             }
         }
     }
-    add_by_names(&plan.columns, &mut curves);
-    curves
+    curves.add_by_names(&plan.columns);
+    curves.all
 }
 
 /// How the columns of a file are drawn, by their names and units.
 pub fn of_columns(columns: &[Column]) -> Vec<Curve> {
-    let is_held = |column: &Column| !column.kind.is_float();
-    let mut curves = Vec::from_iter(
-        columns.iter().map(|column| Curve { is_held: is_held(column), set_point: None }),
-    );
-    add_by_names(columns, &mut curves);
-    curves
+    let mut curves = Curves::new(columns.iter().map(|column| !column.kind.is_float()));
+    curves.add_by_names(columns);
+    curves.all
 }
 
-/// Notes what follows a set-point, unless it follows another one, or the set-point follows one itself.
-fn pair(curves: &mut [Curve], follower: usize, set_point: usize) {
-    let is_free = curves[follower].set_point.is_none() && curves[set_point].set_point.is_none();
-    let is_set_point = curves.iter().any(|curve| curve.set_point == Some(follower));
-    if is_free && !is_set_point && follower != set_point {
-        curves[follower].set_point = Some(set_point);
+/// Signals of the type Float: set-points, and others by what they may follow.
+struct Signals<'a, T> {
+    /// The set-points, with the unit and the quantity of each.
+    set_points: Vec<(T, &'a str, String)>,
+    /// The first of the others, by unit, component and quantity.
+    followers: HashMap<(&'a str, String, String), T>,
+    /// The others of each unit.
+    others: HashMap<&'a str, Vec<T>>,
+}
+
+impl<'a, T: Copy> Signals<'a, T> {
+    /// Signals, with the unit and the name of each; `component` finds the component of a name.
+    fn new<N: AsRef<str>>(
+        all: impl Iterator<Item = (T, &'a str, N)>,
+        component: impl Fn(&str) -> &str,
+    ) -> Self {
+        let mut signals =
+            Self { set_points: Vec::new(), followers: HashMap::new(), others: HashMap::new() };
+        for (signal, unit, name) in all {
+            let name = name.as_ref();
+            if let Some(quantity) = quantity(name) {
+                signals.set_points.push((signal, unit, quantity));
+                continue;
+            }
+            for quantity in followed(name) {
+                let key = (unit, component(name).to_owned(), quantity);
+                signals.followers.entry(key).or_insert(signal);
+            }
+            signals.others.entry(unit).or_default().push(signal);
+        }
+        signals
+    }
+
+    /// The first signal of a component that follows the set-point of a quantity by its name.
+    fn named(&self, unit: &'a str, component: &str, quantity: &str) -> Option<T> {
+        self.followers.get(&(unit, component.to_owned(), quantity.to_owned())).copied()
+    }
+
+    /// The only other signal of a unit.
+    fn only(&self, unit: &str) -> Option<T> {
+        match self.others.get(unit)?[..] {
+            [only] => Some(only),
+            _ => None,
+        }
     }
 }
 
-/// Finds what follows the set-points that have nothing yet, by names, then by units.
-fn add_by_names(columns: &[Column], curves: &mut [Curve]) {
-    let quantities = Vec::from_iter(
-        columns.iter().map(|column| quantity(&column.name).filter(|_| column.kind.is_float())),
-    );
-    for (index, set_point) in columns.iter().enumerate() {
-        let Some(quantity) = &quantities[index] else { continue };
-        if curves.iter().any(|curve| curve.set_point == Some(index)) {
-            continue;
+/// The curves, and which are set-points of others.
+struct Curves {
+    all: Vec<Curve>,
+    are_set_points: Vec<bool>,
+}
+
+impl Curves {
+    fn new(are_held: impl Iterator<Item = bool>) -> Self {
+        let all = Vec::from_iter(are_held.map(|is_held| Curve { is_held, set_point: None }));
+        Self { are_set_points: vec![false; all.len()], all }
+    }
+
+    /// Notes what follows a set-point, unless it follows another one, or the set-point follows one itself.
+    fn pair(&mut self, follower: usize, set_point: usize) {
+        let is_free =
+            [follower, set_point].iter().all(|index| self.all[*index].set_point.is_none());
+        if is_free && !self.are_set_points[follower] && follower != set_point {
+            self.all[follower].set_point = Some(set_point);
+            self.are_set_points[set_point] = true;
         }
-        let others = (0..columns.len()).filter(|other| {
-            let column = &columns[*other];
-            column.unit == set_point.unit && column.kind.is_float() && *other != index
-        });
-        let (rivals, others): (Vec<_>, Vec<_>) =
-            others.partition(|other| quantities[*other].is_some());
-        let component = component(&set_point.name);
-        let in_component = |other: &&usize| {
-            let name = &columns[**other].name;
-            self::component(name) == component && follows(name, quantity)
-        };
-        let compared =
-            others.iter().filter(|other| !DEVIATIONS.contains(&&*last(&columns[**other].name)));
-        let only = match &Vec::from_iter(compared)[..] {
-            [only] if rivals.is_empty() && !set_point.unit.is_empty() => Some(**only),
-            _ => None,
-        };
-        if let Some(follower) = others.iter().find(in_component).copied().or(only) {
-            pair(curves, follower, index);
+    }
+
+    /// Finds what follows the set-points that have nothing yet, by names, then by units.
+    fn add_by_names(&mut self, columns: &[Column]) {
+        let floats = columns.iter().enumerate().filter(|(_, column)| column.kind.is_float());
+        let floats = floats.map(|(index, column)| (index, &*column.unit, &*column.name));
+        let signals = Signals::new(floats.clone(), component);
+        // What may be compared with a set-point because nothing else has its unit.
+        let compared = floats.filter(|(_, _, name)| !DEVIATIONS.contains(&&*last(name)));
+        let compared = Signals::new(compared, component);
+        let mut rivals: HashMap<&str, usize> = HashMap::new();
+        for (_, unit, _) in &signals.set_points {
+            *rivals.entry(unit).or_default() += 1;
+        }
+        for (set_point, unit, quantity) in &signals.set_points {
+            if self.are_set_points[*set_point] {
+                continue;
+            }
+            let component = component(&columns[*set_point].name);
+            let only = || match rivals[unit] {
+                1 if !unit.is_empty() => compared.only(unit),
+                _ => None,
+            };
+            if let Some(follower) = signals.named(unit, component, quantity).or_else(only) {
+                self.pair(follower, *set_point);
+            }
         }
     }
 }
@@ -154,16 +205,13 @@ fn quantity(name: &str) -> Option<String> {
     WORDS.iter().find_map(|word| without(&last, word))
 }
 
-/// Whether a name is of what follows the set-point of a quantity.
-fn follows(name: &str, quantity: &str) -> bool {
+/// The quantities whose set-points a name may follow.
+fn followed(name: &str) -> impl Iterator<Item = String> {
     let last = last(name);
-    match quantity {
-        "" => MEASURED.contains(&&*last),
-        _ => {
-            last == quantity
-                || MEASURING.iter().any(|word| without(&last, word).as_deref() == Some(quantity))
-        }
-    }
+    let measured = MEASURED.contains(&&*last).then(String::new);
+    let parts = MEASURING.iter().filter_map(|word| without(&last, word));
+    let all = Vec::from_iter(measured.into_iter().chain(parts));
+    [last].into_iter().chain(all)
 }
 
 /// A name without a word before or after it.

@@ -1,6 +1,6 @@
 //! The plan of a run: a loaded and checked system, ready to simulate.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -39,6 +39,8 @@ pub struct Plan {
     /// The components that may step at the same time.
     pub(crate) batches: Vec<Vec<usize>>,
     pub(crate) connections: Vec<ResolvedConnection>,
+    /// The output that feeds each connected input.
+    sources: HashMap<ScalarId, ScalarId>,
     pub(crate) input: Option<InputTable>,
     /// The rows of the input table, if they arrive while the run goes.
     pub(crate) live: Option<LiveInput>,
@@ -193,6 +195,7 @@ impl Plan {
             input,
             live,
             host_inputs,
+            sources: connections.iter().map(|c| (c.to, c.from)).collect(),
             components,
             connections,
         })
@@ -267,8 +270,8 @@ impl Plan {
 
     /// Checks that a start value has an effect in a single run.
     fn check_free(&self, id: ScalarId, name: &str, literal: &Literal) -> Result<()> {
-        if let Some(connection) = self.connections.iter().find(|c| c.to == id) {
-            let from = connection.from.name(&self.components);
+        if let Some(from) = self.sources.get(&id) {
+            let from = from.name(&self.components);
             bail!("{name} = {literal} has no effect, as {from} is connected to it");
         }
         let table = self.input.iter().filter(|_| self.live.is_none());
@@ -427,9 +430,9 @@ fn notes(components: &Components, recorded: &[ScalarId]) -> Vec<Note> {
         let named = all.filter(|(index, component)| is_named(*index, component));
         Vec::from_iter(named.map(|(_, component)| component.name.clone()))
     };
+    let are_recorded: HashSet<usize> = recorded.iter().map(|id| id.component).collect();
     let guessed = named(&|index, component| {
-        let is_recorded = || recorded.iter().any(|id| id.component == index);
-        component.sampled && component.is_guess && is_recorded()
+        component.sampled && component.is_guess && are_recorded.contains(&index)
     });
     if !guessed.is_empty() {
         notes.push(Note::RecordedAfterStep(guessed));

@@ -105,8 +105,10 @@ impl FeedingOutputs {
         output: ScalarId,
     ) -> &'a mut Self {
         let (component, access_type) = (output.component, output.access_type(components));
-        let is_same = |f: &Self| (f.component, f.access_type) == (component, access_type);
-        let index = all.iter().position(is_same).unwrap_or_else(|| {
+        // Connections come in the order of the components that feed, so only the last ones can be the same.
+        let mut same = all.iter().enumerate().rev().take_while(|(_, f)| f.component == component);
+        let index = same.find_map(|(index, f)| (f.access_type == access_type).then_some(index));
+        let index = index.unwrap_or_else(|| {
             let get = accessor("get", output.fmu(components).version, access_type);
             let (outputs, places) = (AccessList::default(), Vec::new());
             all.push(Self { component, access_type, get, outputs, places });

@@ -1,6 +1,6 @@
 //! Writes a system as a package (.ssp).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -127,9 +127,9 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
 /// The names of components in a package, which must be different.
 fn distinct(names: &[&str]) -> Result<Vec<String>> {
     let converted: Vec<String> = names.iter().map(|name| identifier(name)).collect();
-    for (i, name) in converted.iter().enumerate() {
-        if let Some(other) = converted[..i].iter().position(|known| known == name) {
-            let (one, two) = (names[other], names[i]);
+    let mut known = HashMap::new();
+    for (name, two) in converted.iter().zip(names) {
+        if let Some(one) = known.insert(name, two) {
             bail!(
                 "the components {one:?} and {two:?} would both have the name {name} in the package; rename one"
             );
