@@ -18,7 +18,7 @@ Made from the help of the program by `docs/reference.py`; `cargo fmu COMMAND --h
 section. These pages explain the commands: [package](package.md) and [platforms](platforms.md) for
 `export` and `merge`, [changes](changes.md) for `diff`, [C sources](sources.md) for `build`,
 [simulate](simulate.md) for `simulate` and `compare`, [sweeps](sweeps.md), [the
-validator](validate.md) and [SSP packages](ssp.md).
+validator](validate.md), [SSP packages](ssp.md) and [containers](pack.md) for `pack`.
 """
 
 PARAMETERS = """# Variables of the FMUs

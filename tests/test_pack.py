@@ -217,7 +217,7 @@ def test_two_instances_of_a_container_are_independent(
         slave.freeInstance()
 
 
-# --- what is exposed --------------------------------------------------------------------------------
+# --- what is exposed ------------------------------------------------------------------------------
 
 FREE = """
 start = 0.001
@@ -255,7 +255,9 @@ def test_inputs_that_nothing_feeds_are_those_of_the_host(
     found = fmpy.simulate_fmu(
         str(container), start_time=0.001, stop_time=1.0, output_interval=0.001, input=table
     )
-    rows = [f"{time!r},{value!r}" for time, value in zip(*map(np.ndarray.tolist, columns))]
+    rows = [
+        f"{time!r},{value!r}" for time, value in zip(*map(np.ndarray.tolist, columns), strict=True)
+    ]
     (tmp_path / "r.csv").write_text("\n".join(["time,controller.r", *rows]))
     csv = tmp_path / "free.csv"
     command = [PROGRAM, "simulate", tmp_path / "system.toml", "--fmus", fmus]
@@ -269,7 +271,8 @@ def test_a_table_chooses_and_renames_what_is_exposed(
 ) -> None:
     text = FREE + (
         '[expose]\ninputs = ["controller.r"]\noutputs = ["plant.theta", "controller.y"]\n'
-        'parameters = ["controller.pid.kp"]\nnames = { "controller.pid.kp" = "gain", "controller.r" = "r" }\n'
+        'parameters = ["controller.pid.kp"]\n'
+        'names = { "controller.pid.kp" = "gain", "controller.r" = "r" }\n'
     )
     container = pack(system(tmp_path, text), tmp_path / "Chosen.fmu")
     model = fmpy.read_model_description(str(container), validate=True)
@@ -319,7 +322,8 @@ typedef struct { double x, u; } M;
 static int instances = 0;
 const char* fmi2GetVersion(void) { return "2.0"; }
 const char* fmi2GetTypesPlatform(void) { return "default"; }
-void* fmi2Instantiate(const char* n, int t, const char* g, const char* r, const void* f, int v, int l) {
+void* fmi2Instantiate(const char* n, int t, const char* g, const char* r, const void* f, int v,
+                      int l) {
   instances++;
   return calloc(1, sizeof(M));
 }

@@ -11,7 +11,7 @@ use fmu_description::Value;
 use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
-use crate::container::Expose;
+use crate::expose::Expose;
 use crate::extrapolation::Inputs;
 use crate::fault::{Amount, Fault};
 use crate::function::Computed;

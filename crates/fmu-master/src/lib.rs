@@ -55,6 +55,7 @@ mod description;
 mod error;
 mod execution;
 mod experiment;
+mod expose;
 mod extrapolation;
 mod fault;
 mod fmu;
@@ -108,6 +109,7 @@ pub use description::{
 pub use error::{FailedCall, RunError};
 pub use execution::{Execution, check_factor};
 pub use experiment::Experiment;
+pub use expose::Expose;
 pub use extrapolation::Inputs;
 pub use fault::Fault;
 pub use fmu::Fmu;

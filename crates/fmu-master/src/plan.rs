@@ -9,7 +9,7 @@ use fmu_description::{Causality, Type, Variable};
 use crate::batches::batches;
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
-use crate::container::expose;
+use crate::container::choice;
 use crate::input_table::InputTable;
 use crate::iterated_group::Schedule;
 use crate::live_input::{self, LiveInput};
@@ -115,7 +115,7 @@ impl Plan {
             (None, None, None) => None,
         };
         let host_inputs = match description.is_in_container {
-            true => expose::inputs(&description.expose, &components, &connections, input.as_ref())?,
+            true => choice::inputs(&description.expose, &components, &connections, input.as_ref())?,
             false => Vec::new(),
         };
         let (recorded, names): (Vec<_>, Vec<_>) =

@@ -11,7 +11,7 @@ use fmu_description::{
     Value, Variability, Variable,
 };
 
-use super::expose;
+use super::choice;
 use crate::components::ScalarId;
 use crate::simulation::Row;
 use crate::{Description, Fmu, Place, Plan};
@@ -55,7 +55,7 @@ impl Interface {
         let components = &plan.components;
         let inputs = plan.host_inputs.iter().zip(&plan.wiring.host_places);
         let inputs = inputs.map(|(id, place)| (*id, Source::Input(*place), None));
-        let parameters = expose::parameters(&description.expose, components, plan.input.as_ref())?;
+        let parameters = choice::parameters(&description.expose, components, plan.input.as_ref())?;
         let is_set: HashSet<_> = plan.host_inputs.iter().chain(&parameters).copied().collect();
         let columns = plan.columns.iter().zip(Row::places(&plan.columns));
         let outputs = plan.recorded.iter().zip(columns);

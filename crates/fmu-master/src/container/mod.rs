@@ -5,14 +5,13 @@
 //! [`Contents`] has the files that are packed. A [`Container`] is an instance; the crate `fmu-container` exports it through
 //! the functions of FMI.
 
+pub(crate) mod choice;
 mod contents;
-pub(crate) mod expose;
 mod instance;
 mod interface;
 mod text;
 
 pub use contents::Contents;
-pub use expose::Expose;
 pub use instance::{Container, Failure, SavedContainer, Severity, Stepped};
 pub use interface::Interface;
 

@@ -1,31 +1,14 @@
-//! What a container exposes of a system: the table `expose` of a system file.
+//! Chooses the inputs and parameters that a container exposes.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 
 use anyhow::{Result, bail, ensure};
 use fmu_description::{Causality, Variability};
-use serde::Deserialize;
 
-use crate::Fmu;
 use crate::components::{Components, ScalarId};
 use crate::connections::ResolvedConnection;
 use crate::input_table::InputTable;
-
-/// The variables that a container exposes, by their names in the system, `component.variable`.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Expose {
-    /// Inputs; by default all that neither a connection nor the input file feeds.
-    pub inputs: Option<Vec<String>>,
-    /// Outputs, and other variables to read; by default those that the system records.
-    #[serde(default)]
-    pub outputs: Vec<String>,
-    /// Parameters; by default all.
-    pub parameters: Option<Vec<String>>,
-    /// Other names in the container.
-    #[serde(default)]
-    pub names: BTreeMap<String, String>,
-}
+use crate::{Expose, Fmu};
 
 /// The inputs that the host of a container sets.
 ///
