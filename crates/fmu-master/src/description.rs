@@ -45,6 +45,10 @@ pub struct Description {
     pub loop_tolerance: Option<f64>,
     /// The largest number of iterations of a loop in one step; 50 by default.
     pub loop_iterations: Option<u32>,
+    /// The relative error that is allowed in a communication step, which is then divided; by default, it is not.
+    pub step_tolerance: Option<f64>,
+    /// The smallest step into which it is divided (s); a millionth of it by default.
+    pub min_step: Option<f64>,
     /// The relative tolerance of all components that have none of their own; by default, the tolerance of the
     /// default experiment of each FMU.
     pub tolerance: Option<f64>,

@@ -39,6 +39,7 @@
 #![forbid(unsafe_code)]
 
 mod access_list;
+mod adaptive_plan;
 mod algebraic_loop;
 mod batches;
 mod code;
@@ -88,6 +89,7 @@ mod simulation;
 mod solver;
 pub mod ssp;
 mod start;
+mod step_control;
 pub mod stepped_fmu;
 mod stimuli;
 mod store;
@@ -129,6 +131,7 @@ pub use rate::ComponentStep;
 pub use simulation::{Row, Simulation, Snapshot};
 pub use solver::Solver;
 pub use start::StartValue;
+pub use step_control::AdaptiveSteps;
 pub use stimuli::Stimuli;
 pub use store::Place;
 pub use summary::{Alarm, AlarmKind, Statistics, Summary};

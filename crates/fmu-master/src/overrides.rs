@@ -64,6 +64,12 @@ pub struct Overrides {
     /// Maximum number of iterations of a loop in a step [default: 50]
     #[arg(long, value_name = "COUNT")]
     pub loop_iterations: Option<u32>,
+    /// Divide each communication step so that its estimated relative error is at most this
+    #[arg(long, value_name = "TOLERANCE")]
+    pub step_tolerance: Option<f64>,
+    /// Smallest step with --step-tolerance in s [default: a millionth of the communication step]
+    #[arg(long, value_name = "H")]
+    pub min_step: Option<f64>,
     /// Variable to record; may be repeated
     #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
     pub outputs: Vec<String>,
@@ -132,6 +138,8 @@ impl Overrides {
         }
         description.loop_tolerance = self.loop_tolerance.or(description.loop_tolerance);
         description.loop_iterations = self.loop_iterations.or(description.loop_iterations);
+        description.step_tolerance = self.step_tolerance.or(description.step_tolerance);
+        description.min_step = self.min_step.or(description.min_step);
         description.tolerance = self.tolerance.or(description.tolerance);
         description.solver = self.solver.or(description.solver);
         for component in &mut description.components {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Variable};
 
+use crate::adaptive_plan::AdaptivePlan;
 use crate::batches::batches;
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
@@ -38,6 +39,7 @@ pub struct Plan {
     pub(crate) schedule: Schedule,
     /// The components that may step at the same time.
     pub(crate) batches: Vec<Vec<usize>>,
+    pub(crate) adaptive: Option<AdaptivePlan>,
     pub(crate) connections: Vec<ResolvedConnection>,
     /// The output that feeds each connected input.
     sources: HashMap<ScalarId, ScalarId>,
@@ -171,6 +173,13 @@ impl Plan {
         Ok(Self {
             execution: description.execution.clone(),
             order: description.order,
+            adaptive: AdaptivePlan::new(
+                description,
+                &components,
+                &connections,
+                &schedule,
+                &wiring,
+            )?,
             schedule,
             wiring,
             loaded,

@@ -1,5 +1,6 @@
 //! One run of a system.
 
+mod adaptive;
 mod advance;
 mod crew;
 mod hosted;
@@ -30,6 +31,7 @@ use crate::iterated_group::Stage;
 use crate::pace::{Pace, Punctuality};
 use crate::saved_run::SavedRun;
 use crate::start::ComponentStarts;
+use crate::step_control::AdaptiveSteps;
 use crate::store::Store;
 use crate::table_inputs::TableInputs;
 use crate::table_parameters::TableParameters;
@@ -49,6 +51,9 @@ pub struct Simulation<'a> {
     /// The start values of each component by name, if the state is to be saved, and the saved state.
     starts: Vec<BTreeMap<String, Value>>,
     state: Option<SavedRun>,
+    /// What is kept for adaptive steps, and whether one is taken, in which faults do not act again.
+    adaptive: Option<Box<adaptive::Adaptive>>,
+    is_within_step: bool,
     /// The iterated groups.
     iterations: Vec<iteration::Iteration>,
     messages: Messages,
@@ -71,6 +76,8 @@ pub struct Finished {
     pub ended: Option<RunError>,
     /// How well it has kept the time, if it was paced by the clock.
     pub punctuality: Option<Punctuality>,
+    /// Its adaptive steps, if it has taken such.
+    pub adaptive_steps: Option<AdaptiveSteps>,
     /// The state at the stop time, if it was to be saved.
     pub(crate) state: Option<SavedRun>,
 }
@@ -131,6 +138,8 @@ impl Plan {
             saved: Vec::new(),
             starts: saved.map(named).collect(),
             state: None,
+            adaptive: None,
+            is_within_step: false,
             iterations: Vec::new(),
             messages: messages.clone(),
             pace: None,
@@ -138,6 +147,7 @@ impl Plan {
             ended: None,
         };
         simulation.prepare_iterations()?;
+        simulation.prepare_adaptive_steps()?;
         Ok(simulation)
     }
 }
@@ -282,7 +292,8 @@ impl Simulation<'_> {
         };
         let (messages, last) = (self.messages.take(), std::mem::take(&mut self.row));
         let (punctuality, state) = (self.punctuality(), self.state.take());
-        Ok(Finished { messages, last, ended, punctuality, state })
+        let adaptive_steps = self.adaptive_steps();
+        Ok(Finished { messages, last, ended, punctuality, adaptive_steps, state })
     }
 
     /// Whether it steps in the fastest way.
@@ -293,6 +304,7 @@ impl Simulation<'_> {
             && self.crew.is_none()
             && save.is_none()
             && self.iterations.is_empty()
+            && self.adaptive.is_none()
             && components.iter().all(LoadedComponent::is_plain)
     }
 

@@ -106,6 +106,8 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         algebraic_loops: arguments.item("algebraic_loops")?,
         loop_tolerance: arguments.number("loop_tolerance")?,
         loop_iterations: arguments.get("loop_iterations")?,
+        step_tolerance: arguments.number("step_tolerance")?,
+        min_step: arguments.number("min_step")?,
         outputs: arguments.get("outputs")?.unwrap_or_default(),
         parameters: arguments.get("parameters")?,
         experiment: arguments.get("experiment")?,

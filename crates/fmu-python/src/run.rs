@@ -152,6 +152,7 @@ fn into_python(
                 profile,
                 ended,
                 punctuality,
+                adaptive_steps,
                 unsaved,
             } = completed;
             dict.set_item("profile", profile.as_ref().map(words::profile))?;
@@ -166,6 +167,9 @@ fn into_python(
             dict.set_item("ended", ended)?;
             let kept = punctuality.map(|punctuality| words::punctuality(py, &punctuality));
             dict.set_item("real_time", kept.transpose()?)?;
+            let steps = adaptive_steps
+                .map(|steps| (steps.accepted, steps.rejected, steps.smallest, steps.missed));
+            dict.set_item("adaptive_steps", steps)?;
             dict.set_item("duration", duration.as_secs_f64())?;
             messages
         }

@@ -396,6 +396,9 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
     for line in ready.notes.iter().map(ui::note).chain(completed.ended.clone()) {
         writeln!(out, "{}", ui::wrapped(&line))?;
     }
+    if let Some(steps) = completed.adaptive_steps {
+        writeln!(out, "{}", ui::wrapped(&steps.to_string()))?;
+    }
     for line in completed.punctuality.iter().flat_map(|punctuality| punctuality.lines()) {
         writeln!(out, "{}", ui::wrapped(&line))?;
     }

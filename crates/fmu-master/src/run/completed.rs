@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::saved_run::SavedRun;
 use crate::simulation::Finished;
+use crate::step_control::AdaptiveSteps;
 use crate::summary::{Summarizer, Summary};
 use crate::{Message, Messages, Plan, Profile, Punctuality, Row, RunError, StartValue};
 
@@ -29,6 +30,8 @@ pub struct Completed {
     pub ended: Option<String>,
     /// How well the run has kept the time, if it was paced by the clock.
     pub punctuality: Option<Punctuality>,
+    /// Its adaptive steps, if it has taken such.
+    pub adaptive_steps: Option<AdaptiveSteps>,
     /// Why its state was not saved, if it was to be.
     pub unsaved: Option<String>,
 }
@@ -66,7 +69,7 @@ pub fn simulate(
     let duration = begin.elapsed();
     let observed = messages.observers().finish();
     match finished.and_then(|finished| Ok((finished, observed?))) {
-        Ok((Finished { messages, last, ended, punctuality, state }, profile)) => {
+        Ok((Finished { messages, last, ended, punctuality, adaptive_steps, state }, profile)) => {
             // The row of a run that an FMU has ended between two rows.
             if ended.is_some() && left + 1 < plan.output_every {
                 observe(&last);
@@ -90,6 +93,7 @@ pub fn simulate(
                 profile,
                 ended,
                 punctuality,
+                adaptive_steps,
                 unsaved,
             })
         }

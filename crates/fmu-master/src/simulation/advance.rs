@@ -1,5 +1,7 @@
 //! What a system that is not plain does between two communication points.
 
+use std::borrow::Borrow;
+
 use super::Simulation;
 use crate::component_instance::CallResult;
 use crate::iterated_group::Stage;
@@ -11,17 +13,36 @@ impl Simulation<'_> {
     /// experiment unless a component has a step of its own: passes values to inputs, has the components step in their
     /// order, and gets their outputs. Records nothing, and takes values from the input file only within the step.
     pub(crate) fn advance(&mut self, k: u64, time: f64, step: f64) -> CallResult {
+        if let Some(mut adaptive) = self.adaptive.take() {
+            let advanced = self.advance_adaptively(&mut adaptive, k, time, step);
+            self.adaptive = Some(adaptive);
+            return advanced;
+        }
         if let Some(crew) = self.crew.clone() {
             return self.advance_with(&crew, k, time, step);
         }
-        let plan = self.plan;
-        if plan.order != Order::Parallel {
-            return plan.schedule.stages.iter().try_for_each(|stage| match *stage {
+        self.advance_stages(&self.plan.schedule.stages, k, time, step)
+    }
+
+    /// Advances some components.
+    pub(super) fn advance_stages(
+        &mut self,
+        stages: &[impl Borrow<Stage>],
+        k: u64,
+        time: f64,
+        step: f64,
+    ) -> CallResult {
+        let mut stages = stages.iter().map(Borrow::borrow);
+        if self.plan.order != Order::Parallel {
+            return stages.try_for_each(|stage| match *stage {
                 Stage::Component(index) => self.advance_component(index, k, time, step),
                 Stage::Group(number) => self.advance_group(number, k, time, step),
             });
         }
-        let all = 0..self.components.len();
+        let all = stages.filter_map(|stage| match stage {
+            Stage::Component(index) => Some(*index),
+            Stage::Group(_) => None,
+        });
         for index in all.clone() {
             self.feed_component(index, k, time, step)?;
         }
@@ -53,15 +74,22 @@ impl Simulation<'_> {
         time: f64,
         step: f64,
     ) -> CallResult {
-        // Faults act in each communication step.
-        let connections = self.faulty_connections[index].iter_mut();
-        connections.for_each(|connection| connection.carry(k, time, step, &mut self.outputs));
+        // Faults act once in each communication step.
+        if !self.is_within_step {
+            self.carry(index, k, time, step);
+        }
         if !self.is_due(index, k) {
             return Ok(());
         }
         self.components[index].set_parameters(time)?;
         let inputs = &self.plan.wiring.extrapolation.inputs[index];
         self.components[index].write_at(inputs, time, &mut self.outputs)
+    }
+
+    /// Passes outputs to a component by the connections that have faults.
+    pub(super) fn carry(&mut self, index: usize, k: u64, time: f64, step: f64) {
+        let connections = self.faulty_connections[index].iter_mut();
+        connections.for_each(|connection| connection.carry(k, time, step, &mut self.outputs));
     }
 
     /// Has a component take its steps in this communication step.

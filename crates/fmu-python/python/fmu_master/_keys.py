@@ -92,6 +92,8 @@ LOOPS = {
     "loop_iterations": WHOLE,
 }
 """The keys of iterated loops."""
+ADAPTIVE = {"step_tolerance": NUMBER, "min_step": SECONDS}
+"""The keys of adaptive steps."""
 
 SYSTEM = {
     "components": Kind("a dict from names to FMUs", _is_map),
@@ -107,6 +109,7 @@ SYSTEM = {
     "solver": SOLVER,
     "allow_algebraic_loops": FLAG,
     **LOOPS,
+    **ADAPTIVE,
     "seed": WHOLE,
     "expose": Kind("a dict of what a container exposes", lambda value: hasattr(value, "keys")),
 }

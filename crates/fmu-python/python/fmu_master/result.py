@@ -123,6 +123,19 @@ class RealTime(NamedTuple):
     """What the system did not allow: "SCHED_FIFO", "locked memory", each with the reason."""
 
 
+class AdaptiveSteps(NamedTuple):
+    """The steps of a run with a `step_tolerance`."""
+
+    accepted: int
+    """How many steps were accepted."""
+    rejected: int
+    """How many steps were repeated, because their error was too large."""
+    smallest: tuple[float, float] | None
+    """The size of the smallest accepted step, and the time from which it was taken [s]."""
+    missed: int
+    """How many accepted steps had a larger error than allowed, as `min_step` was reached."""
+
+
 class Result(Mapping[str, np.ndarray]):
     """The results of a run: NumPy arrays by name, "time" [s] first, in the types of the variables.
 
@@ -153,6 +166,8 @@ class Result(Mapping[str, np.ndarray]):
         Which FMU has ended the run before the stop time, and why.
     real_time : RealTime or None
         How well the run has kept the time, if `real_time` was given.
+    adaptive_steps : AdaptiveSteps or None
+        The steps of the run, if `step_tolerance` was given.
     duration : float
         Time that the run took, without loading and initializing the FMUs [s].
     profile : list of FunctionTime
@@ -172,6 +187,8 @@ class Result(Mapping[str, np.ndarray]):
         self.ended: str | None = about.get("ended")
         kept = about.get("real_time")
         self.real_time: RealTime | None = RealTime(**kept) if kept else None
+        taken = about.get("adaptive_steps")
+        self.adaptive_steps: AdaptiveSteps | None = AdaptiveSteps(*taken) if taken else None
         self.duration: float = about.get("duration", 0.0)
         self.profile = [
             FunctionTime(*names, *counts, *times)

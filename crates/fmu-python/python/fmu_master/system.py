@@ -250,6 +250,8 @@ class System:
         loop_iterations: int | None = None,
         parameters: str | os.PathLike[str] | None = None,
         experiment: str | None = None,
+        step_tolerance: float | None = None,
+        min_step: float | None = None,
         tolerance: float | None = None,
         solver: str | None = None,
         interface: str | None = None,
@@ -276,6 +278,9 @@ class System:
             What becomes of algebraic loops: "refuse", "delay" or "iterate".
         loop_tolerance, loop_iterations
             The relative tolerance of iterated loops, and the largest number of iterations.
+        step_tolerance, min_step
+            Divide each step so that its relative error is at most the tolerance, but not into steps
+            smaller than `min_step` [s]; the result then has `adaptive_steps`.
         start_time, stop_time, step_size, output_step, input, output
             As for `simulate`.
         tolerance, solver, interface, compile
@@ -298,6 +303,8 @@ class System:
         _keys.check(flags, dict.fromkeys(flags, _keys.FLAG))
         _keys.check({"threads": threads}, {"threads": _keys.COUNT})
         _keys.check({"trace": trace}, {"trace": _keys.FILE})
+        adaptive = {"step_tolerance": step_tolerance, "min_step": min_step}
+        _keys.check(adaptive, _keys.ADAPTIVE)
         loops = {
             "algebraic_loops": algebraic_loops,
             "loop_tolerance": loop_tolerance,
@@ -313,6 +320,7 @@ class System:
             **loops,
             "parameters": None if parameters is None else os.fspath(parameters),
             "experiment": experiment,
+            **adaptive,
             "tolerance": tolerance,
             "solver": solver,
             "outputs": one_or_more(output or ()),
