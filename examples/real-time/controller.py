@@ -1,4 +1,4 @@
-"""A controller outside of FMI: reads rows of `cargo fmu simulate --csv -`, writes rows for `--input`.
+"""A controller outside of FMI: reads rows of `--csv -`, and writes rows for `--input`.
 
 It holds the pendulum upright by its angle. The first line names the inputs; each further line is
 written at once, and takes effect at the next communication point.

@@ -62,6 +62,10 @@ impl Replacement {
     }
 
     fn create(path: &Path, target: &Path, builder: &mut Builder<'_, '_>) -> Result<Self> {
+        ensure!(
+            path != Path::new("-"),
+            "- is the standard output, to which only rows in CSV are written; expected a file, such as ./-"
+        );
         let cannot = || format!("cannot write {}", path.display());
         let target = if is_device(target) {
             let file = File::options().write(true).open(target);

@@ -46,6 +46,8 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
         table.with_context(|| format!("{} cannot be compared", file.display()))
     };
     let files = [&args.reference, &args.results];
+    let are_one = files.iter().all(|file| table::is_standard_input(file));
+    ensure!(!are_one, "- and - are one standard input, expected a file for one of them");
     let [reference, results] = [read(files[0])?, read(files[1])?];
     for name in &args.held {
         let is_known = reference.iter().any(|series| series.name == *name);

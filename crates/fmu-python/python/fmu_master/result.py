@@ -101,7 +101,7 @@ class Messages(list[Message]):
 
 
 class RealTime(NamedTuple):
-    """How well a run that is paced by the clock has kept the time; a moment is a communication point."""
+    """How well a run in real time has kept the time; a moment is a communication point."""
 
     factor: float
     """Simulated seconds per second."""
