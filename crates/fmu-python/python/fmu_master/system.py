@@ -203,10 +203,11 @@ class System:
         targets: Sequence[str] = (),
         binaries: Mapping[str, str | os.PathLike[str]] = MappingProxyType({}),
     ) -> list[str]:
-        """Write the system as one FMU, a container with the master inside.
+        """Write the system as one FMU, a container with the master inside, and return notes.
 
-        The master is built by cargo once, which needs a Rust toolchain, unless `binaries` has
-        libraries of the crate `fmu-container` that were built elsewhere.
+        Notes say what is left out, and what hosts of the FMU cannot do. The master is built by
+        cargo once, which needs a Rust toolchain, unless `binaries` has libraries of the crate
+        `fmu-container` that were built elsewhere.
 
         Parameters
         ----------
@@ -218,11 +219,6 @@ class System:
             Rust targets to build the master for; by default, this machine.
         binaries
             Libraries by their platforms, such as `{"linux64": "libfmu_container.so"}`.
-
-        Returns
-        -------
-        list of str
-            What is left out, and what hosts of the FMU cannot do.
 
         Raises
         ------
