@@ -142,6 +142,10 @@ impl Plan {
         );
         wiring.extrapolation.check(&components)?;
         let (save, load) = (&description.save_state, &description.load_state);
+        ensure!(
+            description.step_tolerance.is_none() || (save.is_none() && load.is_none()),
+            "a run with step_tolerance can neither be saved nor continued, as the size of its next step is not in the state"
+        );
         if save.is_some() {
             components.all.iter().try_for_each(|component| component.check_savable(true))?;
             let last = experiment.steps()? - 1;
