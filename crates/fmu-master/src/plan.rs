@@ -149,7 +149,7 @@ impl Plan {
         if save.is_some() {
             components.all.iter().try_for_each(|component| component.check_savable(true))?;
             let last = experiment.steps()? - 1;
-            for component in components.all.iter().filter(|c| !c.rate.is_due(last)) {
+            if let Some(component) = components.all.iter().find(|c| !c.rate.is_due(last)) {
                 let (name, step, stop) = (&component.name, component.rate.step, experiment.stop);
                 bail!(
                     "stop = {stop:?} s is within a step of {name}, {step:?} s; the state can be saved only between its steps"
