@@ -179,6 +179,14 @@ impl Instance {
         self.do_step_quickly(time, step).map_or(Ok(Success::Ok), |other| *other)
     }
 
+    /// As [`Instance::do_step`], of a step that may end early.
+    ///
+    /// # Errors
+    /// As for every call: the function is missing or returned a failure status.
+    pub fn do_step_to_event(&mut self, time: f64, step: f64) -> Result<(Success, StepResult)> {
+        self.step(time, step, !self.is_saved)
+    }
+
     #[inline(never)]
     fn step_to_the_end(&mut self, time: f64, step: f64) -> NotOk {
         let (done, stepped) = match self.step(time, step, !self.is_saved) {

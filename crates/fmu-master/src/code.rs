@@ -54,14 +54,15 @@ impl UnpackedBinary {
         loaded.flatten().any(|(library, _)| library.is_lost())
     }
 
-    /// Creates an instance of the component with an index, and loads the binary before the first.
+    /// Creates an instance of the component with an index and a name, whose events the host handles in event mode or not;
+    /// loads the binary before the first.
     ///
     /// # Errors
     /// The binary cannot be loaded or the FMU returns an error.
     pub(crate) fn instantiate(
         &self,
-        component: usize,
-        name: &str,
+        (component, name): (usize, &str),
+        event_mode: bool,
         messages: &Messages,
     ) -> Result<Instance> {
         let Self { file, folder, token, limits, problems, .. } = self;
@@ -86,6 +87,8 @@ impl UnpackedBinary {
             guid: token,
             resources,
             logging_on: true,
+            event_mode_used: event_mode,
+            early_return_allowed: event_mode,
             limits: *limits,
             observer: observer.clone(),
             ..Instantiation::default()

@@ -12,6 +12,7 @@ use fmu_worker::Function;
 
 use crate::access_list::{AccessList, accessor};
 use crate::components::LoadedComponent;
+use crate::event_mode::EventMode;
 use crate::integrator::Integrator;
 use crate::recorded_instance::{IntegrationError, IntegrationResult, RecordedInstance, functions};
 use crate::start::ComponentStarts;
@@ -31,6 +32,8 @@ pub(crate) struct ComponentInstance<'a> {
     pub(crate) fmu: Arc<Fmu>,
     /// Present once a component of model exchange is initialized.
     pub(crate) integrator: Option<Box<Integrator<'a>>>,
+    /// Present once a component of co-simulation with event mode is initialized.
+    pub(crate) event_mode: Option<Box<EventMode>>,
     do_step: Option<Function>,
     /// The function that sets its Float64 inputs, and the one that gets its direct outputs.
     set: Option<Function>,
@@ -62,7 +65,7 @@ impl<'a> ComponentInstance<'a> {
         let LoadedComponent { name, fmu, .. } = component;
         let mut inputs = groups.iter().map(|group| starts.initial(&group.inputs, fmu));
         let reals = inputs.next().unwrap_or_default();
-        let mut instance = fmu.instantiate(index, name, messages)?;
+        let mut instance = fmu.instantiate((index, name), component.event_mode, messages)?;
         // An FMU that is stepped by hand has no groups.
         let floats = groups.first();
         if let Some(VariableGroup { inputs, direct_inputs, direct_outputs, .. }) = floats {
@@ -87,6 +90,7 @@ impl<'a> ComponentInstance<'a> {
                 version: fmu.version,
             },
             integrator: None,
+            event_mode: None,
             do_step: Function::performing(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
@@ -201,6 +205,11 @@ impl<'a> ComponentInstance<'a> {
             return stepped
                 .map_err(|error| self.integration_error(error, format!("step of {step:?} s")));
         }
+        if !PLAIN && let Some(event_mode) = &mut self.event_mode {
+            let stepped = event_mode.step(&mut self.recorded, time, step);
+            return stepped
+                .map_err(|error| self.integration_error(error, format!("step of {step:?} s")));
+        }
         // The communication point tells calls of a plain system apart.
         match PLAIN {
             true => self.recorded.calls.continue_call(self.do_step),
@@ -210,6 +219,13 @@ impl<'a> ComponentInstance<'a> {
             None => Ok(()),
             Some(outcome) => self.check_step(*outcome, time, step),
         }
+    }
+
+    /// Enters event mode before its inputs for a step from a time (s) are set, if it must be in it.
+    pub(crate) fn prepare_inputs(&mut self, time: f64, step: f64) -> CallResult {
+        let Some(event_mode) = &mut self.event_mode else { return Ok(()) };
+        let prepared = event_mode.prepare(&mut self.recorded, time, step);
+        prepared.map_err(|error| self.integration_error(error, "event".to_owned()))
     }
 
     /// Sets its inputs, takes a step and gets its outputs, in a plain system.
@@ -274,7 +290,7 @@ impl<'a> ComponentInstance<'a> {
         Ok(())
     }
 
-    /// Begins the integration after the initialization, if it is a component of model exchange.
+    /// Begins after the initialization: the integration of a component of model exchange, or event mode.
     pub(crate) fn begin(
         &mut self,
         inputs: Option<TableInputs<'a>>,
@@ -288,6 +304,13 @@ impl<'a> ComponentInstance<'a> {
             let begun =
                 begun.map_err(|error| self.integration_error(error, "first event".to_owned()))?;
             self.integrator = Some(Box::new(begun));
+        }
+        if planned.event_mode {
+            let (start, _) = times;
+            let begun = EventMode::begin(&mut self.recorded, &self.fmu, self.groups, start);
+            let begun =
+                begun.map_err(|error| self.integration_error(error, "first event".to_owned()))?;
+            self.event_mode = Some(Box::new(begun));
         }
         Ok(())
     }
@@ -526,9 +549,13 @@ impl<'a> ComponentInstance<'a> {
         }
     }
 
-    /// Sets something in event mode, if it is a component of model exchange.
+    /// Sets something in event mode, if it is a component of model exchange, or of co-simulation with event mode.
     fn in_event(&mut self, time: f64, set: impl FnOnce(&mut Self) -> CallResult) -> CallResult {
         let is_event = self.integrate(Integrator::enter_event_mode)?.unwrap_or(false);
+        if let Some(event_mode) = &mut self.event_mode {
+            let entered = event_mode.enter(&mut self.recorded);
+            entered.map_err(|error| self.integration_error(error, "event".to_owned()))?;
+        }
         set(self)?;
         // Else the next step begins with the event.
         if is_event {

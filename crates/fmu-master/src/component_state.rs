@@ -4,6 +4,7 @@
 use fmu_host::{FmuState, Instance, Success};
 
 use crate::component_instance::{CallResult, ComponentInstance};
+use crate::event_mode::EventMode;
 use crate::integrator::Integrator;
 use crate::saved_run::{MAX_STATE, SavedComponent};
 
@@ -11,6 +12,7 @@ use crate::saved_run::{MAX_STATE, SavedComponent};
 pub(crate) struct ComponentState<'a> {
     fmu: FmuState,
     integrator: Option<Box<Integrator<'a>>>,
+    event_mode: Option<Box<EventMode>>,
     /// The row of the table whose values its tunable parameters have.
     table_row: Option<usize>,
 }
@@ -23,6 +25,7 @@ impl<'a> ComponentInstance<'a> {
         match state {
             Some(state) => {
                 state.table_row = table_row;
+                state.event_mode.clone_from(&self.event_mode);
                 self.call("get_fmu_state", what, |instance| instance.save_to(&mut state.fmu))?;
                 match (&mut state.integrator, &self.integrator) {
                     (Some(saved), Some(integrator)) => saved.copy_from(integrator),
@@ -36,7 +39,8 @@ impl<'a> ComponentInstance<'a> {
                     Ok(Success::Ok)
                 })?;
                 let integrator = self.integrator.clone();
-                *state = fmu.map(|fmu| ComponentState { fmu, integrator, table_row });
+                let event_mode = self.event_mode.clone();
+                *state = fmu.map(|fmu| ComponentState { fmu, integrator, event_mode, table_row });
             }
         }
         Ok(())
@@ -48,6 +52,7 @@ impl<'a> ComponentInstance<'a> {
         if let (Some(parameters), Some(row)) = (&mut self.parameters, state.table_row) {
             parameters.row = row;
         }
+        self.event_mode.clone_from(&state.event_mode);
         match (&mut self.integrator, &state.integrator) {
             (Some(integrator), Some(saved)) => integrator.copy_from(saved),
             (integrator, saved) => integrator.clone_from(saved),
@@ -88,13 +93,14 @@ impl<'a> ComponentInstance<'a> {
             Ok(Success::Ok)
         })?;
         let Some(fmu) = state else { return Ok(()) };
-        let state = ComponentState { fmu, integrator: None, table_row: None };
+        let state = ComponentState { fmu, integrator: None, event_mode: None, table_row: None };
         let set = self.call("set_fmu_state", what, |i| i.set_fmu_state(&state.fmu));
         let forgotten = self.forget(state);
         set.and(forgotten)?;
         if let (Some(integrator), Some(saved)) = (&mut self.integrator, &saved.integrator) {
             integrator.set_state(saved);
         }
+        self.event_mode = saved.event_mode.clone().map(Box::new);
         Ok(())
     }
 }

@@ -10,9 +10,8 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability, Variable};
 use fmu_host::InterfaceType;
 
-use crate::extrapolation::Inputs;
 use crate::fmu::Sizes;
-use crate::rate::{ComponentStep, Rate};
+use crate::rate::{ComponentStep, Inputs, Rate};
 use crate::similar::similar;
 use crate::start::{scalar_literals, sizes};
 use crate::{Component, Description, Fmu, Solver};
@@ -30,6 +29,8 @@ pub struct LoadedComponent {
     pub(crate) sampled: bool,
     /// Whether `sampled` follows from its outputs, because the description does not have it.
     pub(crate) is_guess: bool,
+    /// Whether the master handles its events, in co-simulation.
+    pub(crate) event_mode: bool,
     /// Its own step, and how it fits the communication step.
     pub(crate) rate: Rate,
     /// What its inputs are between communication points.
@@ -85,6 +86,7 @@ impl LoadedComponent {
             prefix: if system.is_single { String::new() } else { full_name("") },
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             is_guess: component.sampled.is_none() && component.function.is_none(),
+            event_mode: event_mode(component, system, &fmu)?,
             rate,
             inputs: component.inputs,
             solver: component.solver.or(system.solver).unwrap_or_default(),
@@ -102,7 +104,7 @@ impl LoadedComponent {
 
     /// Whether a step is one call, in each communication step.
     pub(crate) fn is_plain(&self) -> bool {
-        !self.integrates() && self.rate.is_of_system()
+        !self.integrates() && !self.event_mode && self.rate.is_of_system()
     }
 
     /// The name of a scalar in the system.
@@ -143,6 +145,19 @@ fn open(
     let fmu = Arc::new(Fmu::open(file, interface, &key.2, *sandbox, compilation)?);
     fmus.insert(key, fmu.clone());
     Ok(fmu)
+}
+
+/// Whether the master handles the events of a component in co-simulation.
+fn event_mode(component: &Component, system: &Description, fmu: &Fmu) -> Result<bool> {
+    let of_all = system.event_mode.filter(|_| fmu.has_event_mode || system.is_single);
+    let wanted = of_all.or(component.event_mode);
+    ensure!(
+        wanted != Some(true) || fmu.has_event_mode,
+        "component {}: event_mode = true, but {} has no event mode in co-simulation (hasEventMode)",
+        component.name,
+        fmu.file_name()
+    );
+    Ok(wanted.unwrap_or(fmu.has_event_mode && fmu.has_clocks))
 }
 
 /// The rate of a component in a system with this communication step (s).

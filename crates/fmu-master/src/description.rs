@@ -12,12 +12,11 @@ use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 
 use crate::expose::Expose;
-use crate::extrapolation::Inputs;
 use crate::fault::{Amount, Fault};
 use crate::function::Computed;
 use crate::given_inputs::GivenInputs;
 use crate::package::SystemOrigin;
-use crate::rate::ComponentStep;
+use crate::rate::{ComponentStep, Inputs};
 use crate::{Compilation, Execution, Experiment, Function, Literal, Signature, Solver, Stimuli};
 
 /// A system of coupled FMUs.
@@ -97,6 +96,9 @@ pub struct Description {
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
     pub is_single: bool,
+    /// Whether the master handles the events of all components with event mode in co-simulation, whatever they have.
+    #[serde(skip)]
+    pub event_mode: Option<bool>,
     /// Where the system comes from if not from a TOML file.
     #[serde(skip)]
     pub package: Option<Arc<SystemOrigin>>,
@@ -171,6 +173,9 @@ pub struct Component {
     /// What its inputs are between communication points.
     #[serde(default)]
     pub inputs: Inputs,
+    /// Whether the master handles its events in co-simulation, in event mode; by default, if it has
+    /// clocks.
+    pub event_mode: Option<bool>,
     /// Whether its outputs after a step belong to the sample taken at the start of the step; by
     /// default, true if all outputs are discrete.
     pub sampled: Option<bool>,

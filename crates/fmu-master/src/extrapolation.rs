@@ -8,32 +8,20 @@ use std::ops::Range;
 
 use anyhow::{Result, ensure};
 use fmu_description::{Type, Variability};
-use serde::{Deserialize, Serialize};
 
-use crate::component_instance::{CallResult, ComponentInstance};
 use crate::components::{LoadedComponent, ScalarId};
 use crate::connections::ResolvedConnection;
+use crate::rate::Inputs;
 use crate::store::{Place, Store};
-
-/// What the inputs of a component are between communication points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Inputs {
-    /// The values that were set last.
-    #[default]
-    Held,
-    /// By the derivatives of the outputs that feed them, if they are continuous and have derivatives.
-    Extrapolated,
-}
 
 /// The derivatives that are got of the outputs of a component.
 #[derive(Default)]
 pub(crate) struct OutputDerivatives {
-    references: Vec<u32>,
-    orders: Vec<i32>,
+    pub(crate) references: Vec<u32>,
+    pub(crate) orders: Vec<i32>,
     /// Where they are in the store, and where their time is (s).
-    place: Range<usize>,
-    time: usize,
+    pub(crate) place: Range<usize>,
+    pub(crate) time: usize,
 }
 
 /// An input that is extrapolated, and the output that feeds it, by their indices among the numbers of the store.
@@ -42,10 +30,10 @@ pub(crate) struct ExtrapolatedInput {
     /// The derivatives of the output, from the first one, and their time (s).
     derivatives: Range<usize>,
     time: usize,
-    to: usize,
-    reference: u32,
+    pub(crate) to: usize,
+    pub(crate) reference: u32,
     /// The factor of the connection.
-    factor: f64,
+    pub(crate) factor: f64,
 }
 
 /// The derivatives and the extrapolated inputs of each component.
@@ -157,7 +145,7 @@ fn is_extrapolated(components: &[LoadedComponent], connection: &ResolvedConnecti
 
 impl ExtrapolatedInput {
     /// The derivative of an order at a time (s), of which 0 is the value: the polynomial of Taylor.
-    fn derivative(&self, order: usize, time: f64, store: &Store) -> f64 {
+    pub(crate) fn derivative(&self, order: usize, time: f64, store: &Store) -> f64 {
         let elapsed = time - store.reals[self.time];
         let all = [self.from].into_iter().chain(self.derivatives.clone());
         let (mut term, mut sum) = (1.0, 0.0);
@@ -168,49 +156,5 @@ impl ExtrapolatedInput {
             sum += term * store.reals[place];
         }
         sum
-    }
-}
-
-impl ComponentInstance<'_> {
-    /// Gets the derivatives of its outputs at a time (s), if there are any, after the outputs.
-    pub(crate) fn read_derivatives(
-        &mut self,
-        derivatives: &OutputDerivatives,
-        time: f64,
-        store: &mut Store,
-    ) -> CallResult {
-        let OutputDerivatives { references, orders, place, time: place_of_time } = derivatives;
-        if references.is_empty() {
-            return Ok(());
-        }
-        store.reals[*place_of_time] = time;
-        let values = &mut store.reals[place.clone()];
-        self.call("get_output_derivatives", "derivatives of outputs", |instance| {
-            instance.get_output_derivatives(references, orders, values)
-        })
-    }
-
-    /// Sets its inputs for a step from a time (s), of which some are extrapolated.
-    pub(crate) fn write_at(
-        &mut self,
-        inputs: &[ExtrapolatedInput],
-        time: f64,
-        store: &mut Store,
-    ) -> CallResult {
-        for input in inputs {
-            store.reals[input.to] = input.derivative(0, time, store);
-        }
-        self.write::<false>(store)?;
-        if inputs.is_empty() || !self.fmu.interpolates_inputs {
-            return Ok(());
-        }
-        // Many FMUs know the first derivative only.
-        let orders = vec![1; inputs.len()];
-        let references = Vec::from_iter(inputs.iter().map(|input| input.reference));
-        let slopes = inputs.iter().map(|input| input.factor * input.derivative(1, time, store));
-        let slopes = Vec::from_iter(slopes);
-        self.call("set_input_derivatives", "derivatives of inputs", |instance| {
-            instance.set_input_derivatives(&references, &orders, &slopes)
-        })
     }
 }

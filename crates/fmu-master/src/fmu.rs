@@ -51,6 +51,9 @@ pub struct Fmu {
     code: Code,
     /// Whether a process can have only one instance of the FMU.
     pub(crate) only_once: bool,
+    /// Whether it has event mode in co-simulation, and whether it has clocks, which need event mode.
+    pub(crate) has_event_mode: bool,
+    pub(crate) has_clocks: bool,
     /// The highest order of the derivatives of its outputs, in co-simulation.
     pub(crate) output_derivatives: usize,
     /// Whether it takes derivatives of its inputs, which only FMI 2.0 has.
@@ -111,6 +114,8 @@ impl Fmu {
             equations: [0; 2],
             code: Code::Function(function.clone()),
             only_once: false,
+            has_event_mode: false,
+            has_clocks: false,
             output_derivatives: 0,
             interpolates_inputs: false,
             states: Vec::new(),
@@ -331,23 +336,24 @@ impl Fmu {
             )
     }
 
-    /// Creates an instance that logs to the messages of its simulation.
+    /// Creates the instance of the component with an index and a name, which logs to the messages of its simulation, and
+    /// whose events the host handles in event mode or not.
     ///
     /// # Errors
     /// The binary cannot be loaded or the FMU returns an error; its message is included.
     pub(crate) fn instantiate(
         &self,
-        component: usize,
-        name: &str,
+        component: (usize, &str),
+        event_mode: bool,
         messages: &Messages,
     ) -> Result<Instance> {
         let instance = match &self.code {
-            Code::Binary(binary) => binary.instantiate(component, name, messages),
+            Code::Binary(binary) => binary.instantiate(component, event_mode, messages),
             Code::Function(function) => {
-                Ok(function.instantiate((component, name), &self.variables, messages))
+                Ok(function.instantiate(component, &self.variables, messages))
             }
         };
-        let path = self.path.display();
+        let (path, (_, name)) = (self.path.display(), component);
         instance.with_context(|| format!("component {name}: {path} cannot be instantiated"))
     }
 }

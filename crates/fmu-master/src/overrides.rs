@@ -48,6 +48,9 @@ pub struct Overrides {
     /// How to run the FMUs [default: by co-simulation, if they support it]
     #[arg(long, value_parser = interface_type())]
     pub interface: Option<InterfaceType>,
+    /// Handle the events of FMUs for FMI 3.0 in event mode, or have them do it themselves [default: if they have clocks]
+    #[arg(long)]
+    pub event_mode: Option<bool>,
     /// Record all components after each step, or before it [default: after it if all outputs are discrete, except
     /// one FMU without a system file]
     #[arg(long)]
@@ -131,6 +134,7 @@ impl Overrides {
             description.step = Experiment::derived_step(start, stop);
         }
         description.output_step = self.output_step.or(description.output_step);
+        description.event_mode = self.event_mode.or(description.event_mode);
         description.order = self.order.unwrap_or(description.order);
         if self.algebraic_loops.is_some() {
             description.algebraic_loops = self.algebraic_loops;

@@ -1,8 +1,8 @@
 //! The rate of a component: a step of its own, and how often it steps in a communication step of the system, or in how
-//! many of them.
+//! many of them; and what its inputs are meanwhile.
 
 use anyhow::{Context, Result, ensure};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// The step of a component as the user writes it.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
@@ -34,6 +34,17 @@ impl From<Notation> for ComponentStep {
             Notation::Named(NamedStep::DefaultExperiment) => Self::DefaultExperiment,
         }
     }
+}
+
+/// What the inputs of a component are between communication points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Inputs {
+    /// The values that were set last.
+    #[default]
+    Held,
+    /// By the derivatives of the outputs that feed them, if they are continuous and have derivatives.
+    Extrapolated,
 }
 
 /// How the steps of a component fit the communication steps of the system: one of the two numbers is 1.

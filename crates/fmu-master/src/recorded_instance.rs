@@ -47,6 +47,8 @@ operations! {
     EventMode: "enter_event_mode",
     Update: "update_discrete_states",
     ContinuousMode: "enter_continuous_time_mode",
+    StepMode: "enter_step_mode",
+    DoStep: "do_step",
 }
 
 /// The functions of a version that perform each [`Operation`].

@@ -16,8 +16,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::components::{Components, LoadedComponent, ScalarId};
 use crate::connections::ResolvedConnection;
-use crate::extrapolation::Inputs;
+use crate::event_mode::EventMode;
 use crate::integrator::IntegratorState;
+use crate::rate::Inputs;
 use crate::solver::Solver;
 use crate::{Conversion, Fault, Fmu, Order};
 
@@ -46,6 +47,7 @@ pub(crate) struct SavedRun {
 pub(crate) struct SavedComponent {
     pub(crate) state: Vec<u8>,
     pub(crate) integrator: Option<IntegratorState>,
+    pub(crate) event_mode: Option<EventMode>,
     /// The start values with which the run began, by the names of scalars.
     pub(crate) starts: BTreeMap<String, Value>,
 }
@@ -73,6 +75,7 @@ struct ComponentIdentity {
     tolerance: Option<f64>,
     solver: Solver,
     inputs: Inputs,
+    event_mode: bool,
     /// Its step (s).
     step: f64,
 }
@@ -97,7 +100,8 @@ impl SystemIdentity {
     ) -> Result<Self> {
         let mut checksums = HashMap::new();
         let component = |component: &LoadedComponent| {
-            let LoadedComponent { name, fmu, tolerance, solver, inputs, rate, .. } = component;
+            let LoadedComponent { name, fmu, tolerance, solver, inputs, event_mode, rate, .. } =
+                component;
             let checksum = match checksums.get(&fmu.path) {
                 Some(known) => *known,
                 None if fmu.is_function() => 0,
@@ -116,6 +120,7 @@ impl SystemIdentity {
                 tolerance: *tolerance,
                 solver: *solver,
                 inputs: *inputs,
+                event_mode: *event_mode,
                 step: rate.step,
             })
         };
@@ -220,6 +225,10 @@ impl ComponentIdentity {
         ensure!(
             self.inputs == now.inputs,
             "{name} was run with other inputs, held or extrapolated, expected the same"
+        );
+        ensure!(
+            self.event_mode == now.event_mode,
+            "{name} was run with or without event mode, expected the same"
         );
         ensure!(
             self.step == now.step,
@@ -361,8 +370,12 @@ mod tests {
             components: Vec::new(),
             connections: Vec::new(),
         };
-        let component =
-            SavedComponent { state: vec![7; 100], integrator: None, starts: BTreeMap::new() };
+        let component = SavedComponent {
+            state: vec![7; 100],
+            integrator: None,
+            event_mode: None,
+            starts: BTreeMap::new(),
+        };
         SavedRun { system, start: 0.0, k: 5, components: vec![component], faults: Vec::new() }
     }
 

@@ -3,6 +3,7 @@
 mod adaptive;
 mod advance;
 mod crew;
+mod extrapolated;
 mod hosted;
 mod internal_steps;
 mod iteration;

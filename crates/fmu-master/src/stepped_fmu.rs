@@ -111,6 +111,8 @@ impl Names {
         description.compilation = setup.compilation.clone();
         let component = &mut description.components[0];
         component.interface = setup.interface;
+        // A user who steps by hand does not handle events.
+        component.event_mode = Some(false);
         component.name = setup.name.clone().unwrap_or(std::mem::take(&mut component.name));
         component.start.extend(setup.sizes.iter().cloned());
         let mut plan = Plan::new(&description)?;

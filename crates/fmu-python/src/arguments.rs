@@ -102,6 +102,7 @@ pub fn system(system: &Bound<'_, PyDict>) -> PyResult<SystemSource> {
         tolerance: arguments.number("tolerance")?,
         solver: arguments.item("solver")?,
         interface: arguments.item("interface")?,
+        event_mode: arguments.get("event_mode")?,
         order: arguments.item("order")?,
         algebraic_loops: arguments.item("algebraic_loops")?,
         loop_tolerance: arguments.number("loop_tolerance")?,

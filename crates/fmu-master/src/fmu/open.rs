@@ -111,7 +111,6 @@ impl Fmu {
                 FmiVersion::Fmi2 => settable_aliases(&variables),
                 FmiVersion::Fmi3 => HashMap::new(),
             },
-            variables,
             scalars,
             clocked,
             nominals,
@@ -138,6 +137,10 @@ impl Fmu {
                 compiled,
             }),
             only_once,
+            has_event_mode: interface_type == InterfaceType::CoSimulation
+                && interface.is_true("hasEventMode"),
+            has_clocks: variables.iter().any(|v| v.of_type == Type::Clock),
+            variables,
             output_derivatives: output_derivatives(interface),
             interpolates_inputs: interface.is_true("canInterpolateInputs"),
             states: states(&model),

@@ -81,7 +81,7 @@ impl Simulation<'_> {
         if !self.is_due(index, k) {
             return Ok(());
         }
-        self.components[index].set_parameters(time)?;
+        self.prepare_inputs(index, time, step)?;
         let inputs = &self.plan.wiring.extrapolation.inputs[index];
         self.components[index].write_at(inputs, time, &mut self.outputs)
     }
@@ -90,6 +90,13 @@ impl Simulation<'_> {
     pub(super) fn carry(&mut self, index: usize, k: u64, time: f64, step: f64) {
         let connections = self.faulty_connections[index].iter_mut();
         connections.for_each(|connection| connection.carry(k, time, step, &mut self.outputs));
+    }
+
+    /// Prepares a component for the inputs of a step from a time (s): in event mode if it must be, with its tunable
+    /// parameters that change.
+    fn prepare_inputs(&mut self, index: usize, time: f64, step: f64) -> CallResult {
+        self.components[index].prepare_inputs(time, step)?;
+        self.components[index].set_parameters(time)
     }
 
     /// Has a component take its steps in this communication step.
@@ -125,7 +132,7 @@ impl Simulation<'_> {
 
     /// Sets what changes of a component within a communication step, for one of its steps in it (s).
     fn feed_within_step(&mut self, index: usize, time: f64) -> CallResult {
-        self.components[index].set_parameters(time)?;
+        self.prepare_inputs(index, time, self.plan.components[index].rate.step)?;
         let wiring = &self.plan.wiring;
         let inputs = &wiring.extrapolation.inputs[index];
         let table =

@@ -80,6 +80,7 @@ impl Simulation<'_> {
         let components = components.map(|(index, (component, starts))| {
             let state = component.serialize()?;
             let integrator = component.integrator.as_ref().map(|integrator| integrator.state());
+            let event_mode = component.event_mode.as_deref().cloned();
             let mut starts = starts.clone();
             if let (Some(table), None) = (&self.plan.input, &self.plan.live) {
                 let last = self.plan.last_setting(index, k);
@@ -87,7 +88,7 @@ impl Simulation<'_> {
                 starts
                     .extend(set.map(|(scalar, value)| (component.fmu.name(scalar), value.clone())));
             }
-            Ok(SavedComponent { state, integrator, starts })
+            Ok(SavedComponent { state, integrator, event_mode, starts })
         });
         let components = components.collect::<CallResult<_>>()?;
         let faults = self.faulty_connections.iter().flatten().flat_map(|c| &c.faults);

@@ -88,6 +88,7 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
     for (key, is_given) in [
         ("input", description.input.is_some()),
         ("output_step", description.output_step.is_some()),
+        ("event_mode", components.iter().any(|c| c.event_mode.is_some())),
         ("inputs", components.iter().any(|c| c.inputs != Inputs::Held)),
         ("step of components", components.iter().any(|c| c.step.is_some())),
         ("tolerance", has_tolerance),

@@ -125,6 +125,7 @@ COMPONENT = {
     "interface": TEXT,
     "step": STEP,
     "inputs": INPUTS,
+    "event_mode": FLAG,
     "sampled": FLAG,
     "tolerance": NUMBER,
     "solver": SOLVER,

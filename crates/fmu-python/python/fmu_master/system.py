@@ -42,7 +42,7 @@ class System:
     **keys
         The same keys as keyword arguments. `components` maps names to files, or to dicts with the
         keys `fmu`, `start`, `parameters` (the name of a parameter set of the FMU, or a file),
-        `interface`, `step`, `inputs`, `sampled`, `tolerance` and `solver`, or to a
+        `interface`, `step`, `inputs`, `event_mode`, `sampled`, `tolerance` and `solver`, or to a
         `python_component`; `connections` has pairs (output, input), texts "component.output ->
         component.input" or dicts; `start`, `stop`, `step` and `output_step` are in s; `order` is
         "sequential", "parallel" or "implicit", `solver` "explicit" or "implicit".
@@ -251,6 +251,7 @@ class System:
         tolerance: float | None = None,
         solver: str | None = None,
         interface: str | None = None,
+        event_mode: bool | None = None,
         save_state: str | os.PathLike[str] | None = None,
         load_state: str | os.PathLike[str] | None = None,
         compile: bool = False,
@@ -279,7 +280,7 @@ class System:
             smaller than `min_step` [s]; the result then has `adaptive_steps`.
         start_time, stop_time, step_size, output_step, input, output
             As for `simulate`.
-        tolerance, solver, interface, compile
+        tolerance, solver, interface, event_mode, compile
             As for `simulate`, for all components.
         parameters, experiment
             As for `simulate`, if the system is an FMU; a component has the key `parameters`.
@@ -321,6 +322,7 @@ class System:
             "solver": solver,
             "outputs": one_or_more(output or ()),
             "interface": interface,
+            "event_mode": event_mode,
             "compile": compile,
             "real_time": real_time,
             "threads": threads,
@@ -378,6 +380,7 @@ def simulate(
     tolerance: float | None = None,
     solver: str | None = None,
     interface: str | None = None,
+    event_mode: bool | None = None,
     save_state: str | os.PathLike[str] | None = None,
     load_state: str | os.PathLike[str] | None = None,
     compile: bool = False,
@@ -418,6 +421,8 @@ def simulate(
         "implicit" if they are stiff.
     interface
         "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
+    event_mode
+        Handle the events of an FMU for FMI 3.0 in event mode, by default if it has clocks.
     save_state
         File to which the state of the run is saved at the stop time, for a run that continues it.
     load_state
@@ -469,6 +474,7 @@ def simulate(
         tolerance=tolerance,
         solver=solver,
         interface=interface,
+        event_mode=event_mode,
         save_state=save_state,
         load_state=load_state,
         compile=compile,
