@@ -4,18 +4,34 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use fmu_description::ModelDescription;
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
+use fmu_description::{Causality, ModelDescription};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 
 /// The declarations of an FMU.
 pub(crate) struct Declarations {
     /// The start time, stop time and step size (s) of its default experiment, if it has them.
     pub(crate) experiment: [Option<f64>; 3],
-    /// The units of variables by their names.
-    pub(crate) variables: HashMap<String, Option<String>>,
+    /// The variables by their names.
+    pub(crate) variables: HashMap<String, DeclaredVariable>,
     pub(crate) units: Units,
+}
+
+/// What an FMU declares of a variable.
+#[derive(Clone)]
+pub(crate) struct DeclaredVariable {
+    pub(crate) unit: Option<String>,
+    pub(crate) dimensions: Vec<DeclaredLength>,
+}
+
+/// The length of a dimension.
+#[derive(Clone)]
+pub(crate) struct DeclaredLength {
+    /// By default.
+    pub(crate) default: usize,
+    /// The structural parameter that sets it.
+    pub(crate) parameter: Option<String>,
 }
 
 impl Declarations {
@@ -23,9 +39,20 @@ impl Declarations {
         let text = Archive::open_sound(path)?.model_description()?;
         let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
         let model = ModelDescription::read(&root)?;
-        let named = model
-            .variables()
-            .flat_map(|(_, v)| v.names().map(|name| (name.to_owned(), v.unit.clone())));
+        let parameters = model.variables().map(|(_, v)| v);
+        let parameters = parameters.filter(|v| v.causality == Causality::StructuralParameter);
+        let parameters: HashMap<_, _> =
+            parameters.map(|v| (v.reference.to_string(), v.name.clone())).collect();
+        let named = model.variables().flat_map(|(_, v)| {
+            let lengths = v.element.children("Dimension").zip(&v.dimensions);
+            let lengths = lengths.map(|(dimension, length)| DeclaredLength {
+                default: *length,
+                parameter: (dimension.attribute("valueReference"))
+                    .and_then(|reference| parameters.get(reference.trim()).cloned()),
+            });
+            let declared = DeclaredVariable { unit: v.unit.clone(), dimensions: lengths.collect() };
+            v.names().map(|name| (name.to_owned(), declared.clone())).collect::<Vec<_>>()
+        });
         Ok(Self {
             experiment: ["startTime", "stopTime", "stepSize"].map(|name| model.experiment(name)),
             variables: named.collect(),

@@ -11,7 +11,7 @@ use crate::package::STRUCTURE_FILE;
 /// Maximum number of elements of a document; the documents of a package have the variables of all its FMUs.
 const MAX_ELEMENTS: usize = 1 << 22;
 
-/// Parses a document of SSP 1 with this root.
+/// Parses a document of SSP 1 or 2.0 with this root. Both have the same namespaces.
 ///
 /// # Errors
 /// It is another document.
@@ -25,10 +25,11 @@ pub fn document<'a>(text: &'a str, root: &str) -> Result<Element<'a>> {
             Some(namespace) => format!(" of {namespace}"),
             None => " without a namespace".to_owned(),
         };
-        bail!("the root is {}{of}, expected {root} of SSP 1.0", element.name);
+        bail!("the root is {}{of}, expected {root} of SSP 1.0 or 2.0", element.name);
     }
     let version = element.attribute("version").unwrap_or_default();
-    ensure!(version.starts_with("1."), "version {version:?} of SSP is not supported, expected 1.0");
+    let is_known = version.starts_with("1.") || version == "2.0";
+    ensure!(is_known, "version {version:?} of SSP is not supported, expected 1.0 or 2.0");
     Ok(element)
 }
 

@@ -1,5 +1,6 @@
-//! Systems as System Structure and Parameterization (SSP) 1.0 packages, written and read.
+//! Systems as System Structure and Parameterization (SSP) packages, versions 1.0 and 2.0, written and read.
 
+mod arrays;
 mod document;
 mod parameter_set;
 mod parameters;

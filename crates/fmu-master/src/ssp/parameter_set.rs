@@ -1,9 +1,9 @@
 //! A parameter set that is used for one FMU by itself, without a system.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 
 use super::document::document;
-use super::parameters::read;
+use super::parameters::{converted, read};
 use super::system::DefinedUnit;
 use super::vocabulary::{self, PARAMETER_SET};
 use crate::declarations::units;
@@ -54,10 +54,8 @@ impl SetParameter {
         let to = DefinedUnit { definition: definition(of_variable), name: of_variable.to_owned() };
         let conversion = from.conversion(&to);
         let conversion = conversion.with_context(|| format!("{} [{of_variable}]", self.name))?;
-        match (&self.value, conversion) {
-            (value, None) => Ok(value.clone()),
-            (Literal::Real(value), Some(conversion)) => Ok(Literal::Real(conversion.apply(*value))),
-            _ => bail!("{}: only a Real can be converted to {of_variable}", self.name),
-        }
+        converted(&self.value, conversion).with_context(|| {
+            format!("{}: only a Real can be converted to {of_variable}", self.name)
+        })
     }
 }

@@ -6,11 +6,12 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value;
 use fmu_description::xml::Element;
 
+use super::arrays;
 use super::document::document;
 use super::system::{ConnectorPath, DefinedUnit, FlatSystem, IncomingConnection, Passage, join};
 use super::vocabulary::{self, MAPPING, PARAMETER_SET};
-use crate::Literal;
 use crate::declarations::units;
+use crate::{Conversion, Literal};
 
 impl FlatSystem<'_> {
     /// Sets the values of a binding.
@@ -95,23 +96,31 @@ impl FlatSystem<'_> {
         unit: Option<&DefinedUnit>,
     ) -> Result<()> {
         let passage = Passage { unit: unit.cloned(), conversion: None };
-        let mut targets = Vec::new();
-        match self.find_target(path, target) {
-            Some(port) => self.follow(passage, link, &port, &mut targets)?,
-            None => {
-                let target = join(path, target);
-                self.warnings
-                    .push(format!("the parameter {target} has no variable, and is ignored"));
-            }
-        }
-        for (ConnectorPath { element, name }, conversion) in targets {
-            let value = match (value, conversion) {
-                (value, None) => value.clone(),
-                (Literal::Real(value), Some(conversion)) => Literal::Real(conversion.apply(*value)),
-                _ => bail!("only a Real can be transformed"),
-            };
-            if let Some(Some(index)) = self.elements.get(&element) {
-                self.components[*index].start.insert(name, value);
+        let Some(port) = self.find_target(path, target) else {
+            let target = join(path, target);
+            self.warnings.push(format!("the parameter {target} has no variable, and is ignored"));
+            return Ok(());
+        };
+        // Each element of a connector of a system has its own targets.
+        let parts = match self.is_component(&port.element) {
+            true => vec![(port.name, value.clone())],
+            false => elements(value, &port.name),
+        };
+        for (name, value) in parts {
+            let port = ConnectorPath::new(&port.element, name);
+            let mut targets = Vec::new();
+            self.follow(passage.clone(), link, &port, &mut targets)?;
+            for (ConnectorPath { element, name }, conversion) in targets {
+                let value =
+                    converted(&value, conversion).context("only a Real can be transformed")?;
+                if let Some(Some(index)) = self.elements.get(&element) {
+                    let start = &mut self.components[*index].start;
+                    if value.is_array() {
+                        // Elements that an inner binding has set.
+                        start.retain(|other, _| arrays::array_name(other).as_ref() != Some(&name));
+                    }
+                    start.insert(name, value);
+                }
             }
         }
         Ok(())
@@ -149,25 +158,88 @@ fn entry(element: &Element<'_>) -> Result<(String, IncomingConnection)> {
 
 /// The value of a parameter, and its unit.
 pub fn read<'a>(parameter: &'a Element<'_>) -> Result<(Literal, Option<&'a str>)> {
-    let kinds = [
-        vocabulary::REAL_VALUE,
-        vocabulary::INTEGER_VALUE,
-        vocabulary::BOOLEAN_VALUE,
-        vocabulary::STRING_VALUE,
-        vocabulary::ENUMERATION_VALUE,
-    ];
-    let found = parameter.children.iter().find(|child| kinds.contains(&child.name));
-    let Some(element) = found else {
+    let found = parameter.children.iter().find_map(|child| Some((child, parser(child.name)?)));
+    let Some((element, parse)) = found else {
         let other = parameter.children.first().map_or("nothing", |other| other.name);
-        bail!("{other} is not supported, expected Real, Integer, Boolean, String or Enumeration");
+        bail!("{other} is not supported, expected a number, Boolean, String or Enumeration");
     };
+    let dimensions = arrays::dimensions(parameter)?;
+    let dimensions: Option<Vec<usize>> = dimensions.into_iter().collect();
+    let dimensions = dimensions.context("a Dimension has no size")?;
     let text = element.attribute("value").unwrap_or_default();
-    let value = match element.name {
-        vocabulary::REAL_VALUE => value::real(text).map(Literal::Real),
-        vocabulary::INTEGER_VALUE => value::whole(text).map(Literal::Integer),
-        vocabulary::BOOLEAN_VALUE => value::boolean(text).map(Literal::Boolean),
-        _ => Some(Literal::Text(text.to_owned())),
+    let listed = Vec::from_iter(element.children(vocabulary::ELEMENT_VALUE));
+    let is_text = TEXT_VALUES.contains(&element.name);
+    let texts = match () {
+        () if !listed.is_empty() => {
+            listed.iter().map(|element| element.attribute("value").unwrap_or_default()).collect()
+        }
+        () if dimensions.is_empty() || is_text => vec![text],
+        () => Vec::from_iter(text.split_ascii_whitespace()),
     };
-    let value = value.with_context(|| format!("{text:?} is not of the type {}", element.name))?;
-    Ok((value, element.attribute("unit")))
+    let count = arrays::count(&dimensions)?;
+    ensure!(
+        texts.len() == count,
+        "the number of values is {}, expected {}",
+        texts.len(),
+        match dimensions.is_empty() {
+            true => "one, as there is no Dimension".to_owned(),
+            false => arrays::shown(&Vec::from_iter(dimensions.iter().copied().map(Some))),
+        }
+    );
+    let value = |text: &str| {
+        parse(text).with_context(|| format!("{text:?} is not of the type {}", element.name))
+    };
+    let values = texts.into_iter().map(value).collect::<Result<_>>()?;
+    Ok((shaped(values, &dimensions), element.attribute("unit")))
+}
+
+/// The types of parameters whose arrays have an element for each value.
+const TEXT_VALUES: [&str; 2] = [vocabulary::STRING_VALUE, vocabulary::ENUMERATION_VALUE];
+
+/// How a value of a type is read.
+fn parser(of_type: &str) -> Option<fn(&str) -> Option<Literal>> {
+    match of_type {
+        vocabulary::BOOLEAN_VALUE => Some(|text| value::boolean(text).map(Literal::Boolean)),
+        real if vocabulary::REAL_VALUES.contains(&real) => {
+            Some(|text| value::real(text).map(Literal::Real))
+        }
+        whole if vocabulary::WHOLE_VALUES.contains(&whole) => {
+            Some(|text| value::whole(text).map(Literal::Integer))
+        }
+        text if TEXT_VALUES.contains(&text) => Some(|text| Some(Literal::Text(text.to_owned()))),
+        _ => None,
+    }
+}
+
+/// The values of a scalar, or of an array row by row, as nested arrays.
+fn shaped(mut values: Vec<Literal>, dimensions: &[usize]) -> Literal {
+    let Some((_, inner)) = dimensions.split_first() else { return values.swap_remove(0) };
+    for length in inner.iter().rev() {
+        values = values.chunks(*length).map(|row| Literal::Array(row.to_vec())).collect();
+    }
+    Literal::Array(values)
+}
+
+/// A value after a conversion; `None` if it has other values than real numbers.
+pub fn converted(value: &Literal, conversion: Option<Conversion>) -> Option<Literal> {
+    match (value, conversion) {
+        (value, None) => Some(value.clone()),
+        (Literal::Real(value), Some(conversion)) => Some(Literal::Real(conversion.apply(*value))),
+        (Literal::Array(values), _) => {
+            let values = values.iter().map(|value| converted(value, conversion));
+            values.collect::<Option<_>>().map(Literal::Array)
+        }
+        _ => None,
+    }
+}
+
+/// The values of an array by the names of its elements, or of a scalar.
+fn elements(value: &Literal, name: &str) -> Vec<(String, Literal)> {
+    let (mut dimensions, mut values) = (Vec::new(), vec![value.clone()]);
+    while let Some(Literal::Array(row)) = values.first() {
+        dimensions.push(row.len());
+        let rows = values.into_iter();
+        values = rows.flat_map(|v| if let Literal::Array(v) = v { v } else { vec![v] }).collect();
+    }
+    arrays::element_names(name, &dimensions).into_iter().zip(values).collect()
 }

@@ -8,11 +8,11 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::Element;
 use fmu_file::archive;
 
-use super::document;
 use super::vocabulary::{self, COMPONENT, SYSTEM};
-use crate::declarations::{Declarations, Units};
+use super::{arrays, document};
+use crate::declarations::{Declarations, DeclaredLength, Units};
 use crate::package::StructureFile;
-use crate::{Component, Connection, Conversion, InterfaceType};
+use crate::{Component, Connection, Conversion, InterfaceType, Literal};
 
 /// The path of the element of a connector, which is empty for the outermost system, and the name of the connector.
 #[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -59,6 +59,17 @@ struct Connector {
     /// Whether values leave its element here.
     is_output: bool,
     unit: Option<DefinedUnit>,
+    /// The stated lengths of its dimensions.
+    dimensions: Vec<Option<usize>>,
+}
+
+/// An end of a connection.
+struct End {
+    /// Whether values come from it.
+    is_source: bool,
+    port: ConnectorPath,
+    /// The dimensions of what is connected, as far as they are known.
+    dimensions: Vec<Option<usize>>,
 }
 
 /// The elements read so far. Their paths are names separated by dots.
@@ -205,47 +216,126 @@ impl<'a> FlatSystem<'a> {
     fn add_connector(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
         let name = element.attribute("name").unwrap_or_default();
         let is_output = match element.attribute("kind").unwrap_or_default() {
-            "input" | "parameter" => false,
-            "output" | "calculatedParameter" => true,
+            "input" | "parameter" | "structuralParameter" => false,
+            "output" | "calculatedParameter" | "constant" | "local" => true,
             kind => bail!("the kind {kind:?} of the connector {name} is not supported"),
         };
-        let unit = element.child(vocabulary::REAL).and_then(|real| real.attribute("unit"));
+        if element.child(vocabulary::CLOCK).is_some() {
+            bail!("the connector {} is a Clock, which is not supported", join(path, name));
+        }
+        if let Some(clock) = element.child(vocabulary::CLOCK_OF_CONNECTOR) {
+            let (name, clock) = (join(path, name), clock.attribute("name").unwrap_or_default());
+            bail!("the connector {name} belongs to the clock {clock}: clocks are not supported");
+        }
+        let dimensions = arrays::dimensions(element)
+            .with_context(|| format!("the connector {}", join(path, name)))?;
+        let real = vocabulary::REALS.iter().find_map(|real| element.child(real));
+        let unit = real.and_then(|real| real.attribute("unit"));
         let unit = self.stated_unit(unit, &self.units, &join(path, name));
         // A component that is a package repeats the connectors of its system.
         let port = ConnectorPath::new(path, name);
-        self.connectors.entry(port).or_insert(Connector { is_output, unit });
+        self.connectors.entry(port).or_insert(Connector { is_output, unit, dimensions });
         Ok(())
     }
 
-    /// Start and end do not say in which direction values flow, but the kinds of the connectors.
+    /// Start and end do not say in which direction values flow, but the kinds of the connectors. Arrays are connected
+    /// element by element.
     fn add_connection(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
-        let end = |of: &str, name: &str| {
-            let of = element.attribute(of).filter(|of| !of.is_empty());
-            let owner = of.map_or_else(|| path.to_owned(), |of| join(path, of));
-            let port = ConnectorPath::new(owner, element.attribute(name).unwrap_or_default());
-            let connector = self.connectors.get(&port);
-            let connector =
-                connector.with_context(|| format!("there is no connector {}", port.full()))?;
-            // Seen from inside, an input of the system itself is a source.
-            anyhow::Ok((connector.is_output == of.is_some(), port))
-        };
-        let start = end("startElement", "startConnector")?;
-        let end = end("endElement", "endConnector")?;
+        let start = self.end(element, path, ["startElement", "startConnector", "startIndices"])?;
+        let end = self.end(element, path, ["endElement", "endConnector", "endIndices"])?;
         let (from, to) = match (start, end) {
-            ((true, from), (false, to)) | ((false, to), (true, from)) => (from, to),
-            ((is_source, a), (_, b)) => {
+            (from @ End { is_source: true, .. }, to @ End { is_source: false, .. })
+            | (to @ End { is_source: false, .. }, from @ End { is_source: true, .. }) => (from, to),
+            (End { is_source, port: a, .. }, End { port: b, .. }) => {
                 let what = if is_source { "give" } else { "take" };
                 let (a, b) = (a.full(), b.full());
                 bail!("{a} and {b} are connected, but both {what} values")
             }
         };
-        let link = IncomingConnection::new(from, element)?;
-        if !self.is_component(&link.from.element) {
-            self.fed.entry(link.from.clone()).or_default().insert(to.clone());
+        let names = || (from.port.full(), to.port.full());
+        let dimensions = arrays::common(&from.dimensions, &to.dimensions).with_context(|| {
+            let ((a, b), [of_a, of_b]) =
+                (names(), [&from, &to].map(|end| arrays::shown(&end.dimensions)));
+            format!("{a} ({of_a}) and {b} ({of_b}) are connected, but their dimensions differ")
+        })?;
+        let dimensions: Option<Vec<usize>> = dimensions.into_iter().collect();
+        let dimensions = dimensions.with_context(|| {
+            let (a, b) = names();
+            format!("{a} and {b} are connected, but neither has the size of all its dimensions")
+        })?;
+        arrays::count(&dimensions)?;
+        let sources = arrays::element_names(&from.port.name, &dimensions);
+        let targets = arrays::element_names(&to.port.name, &dimensions);
+        for (source, target) in sources.into_iter().zip(targets) {
+            let source = ConnectorPath::new(&from.port.element, source);
+            let target = ConnectorPath::new(&to.port.element, target);
+            let link = IncomingConnection::new(source, element)?;
+            if !self.is_component(&link.from.element) {
+                self.fed.entry(link.from.clone()).or_default().insert(target.clone());
+            }
+            let name = target.full();
+            ensure!(self.links.insert(target, link).is_none(), "{name} is connected twice");
         }
-        let name = to.full();
-        ensure!(self.links.insert(to, link).is_none(), "{name} is connected twice");
         Ok(())
+    }
+
+    /// The end of a connection with these attributes: a connector, or an element of it.
+    fn end(&self, connection: &Element<'_>, path: &str, attributes: [&str; 3]) -> Result<End> {
+        let [of, name, indices] = attributes.map(|name| connection.attribute(name));
+        let of = of.filter(|of| !of.is_empty());
+        let owner = of.map_or_else(|| path.to_owned(), |of| join(path, of));
+        let mut port = ConnectorPath::new(owner, name.unwrap_or_default());
+        let connector = self.connectors.get(&port);
+        let connector =
+            connector.with_context(|| format!("there is no connector {}", port.full()))?;
+        let mut dimensions = self.dimensions(&port, connector)?;
+        if let Some(text) = indices {
+            let indices = text.split_ascii_whitespace().map(|index| index.parse().ok());
+            let indices: Option<Vec<usize>> = indices.collect();
+            let indices = indices.filter(|indices| {
+                let mut of = indices.iter().zip(&dimensions);
+                indices.len() == dimensions.len()
+                    && of.all(|(index, length)| *index > 0 && length.is_none_or(|l| *index <= l))
+            });
+            let indices = indices.with_context(|| {
+                let (name, shape) = (port.full(), arrays::shown(&dimensions));
+                format!("{name} ({shape}) has no element with the indices {text:?}")
+            })?;
+            port.name = arrays::element_name(&port.name, &indices)?;
+            dimensions.clear();
+        }
+        // Seen from inside, an input of the system itself is a source.
+        Ok(End { is_source: connector.is_output == of.is_some(), port, dimensions })
+    }
+
+    /// The dimensions of a connector, as far as they are known: of the variable of its FMU, else as stated.
+    fn dimensions(
+        &self,
+        port: &ConnectorPath,
+        connector: &Connector,
+    ) -> Result<Vec<Option<usize>>> {
+        let stated = &connector.dimensions;
+        let Some(variable) = self.model(&port.element).and_then(|m| m.variables.get(&port.name))
+        else {
+            return Ok(stated.clone());
+        };
+        let start = self.elements[&port.element].map(|index| &self.components[index].start);
+        let length = |length: &DeclaredLength| {
+            let set = length.parameter.as_ref().and_then(|name| start?.get(name));
+            match set {
+                Some(Literal::Integer(set)) => usize::try_from(*set).ok(),
+                _ => Some(length.default),
+            }
+        };
+        let declared = Vec::from_iter(variable.dimensions.iter().map(length));
+        ensure!(
+            stated.is_empty() || arrays::common(stated, &declared).is_some(),
+            "the dimensions of {} are {}, but {} in its FMU",
+            port.full(),
+            arrays::shown(stated),
+            arrays::shown(&declared)
+        );
+        Ok(declared)
     }
 
     /// The connections between components. What is connected to an open connector of the outermost system
@@ -295,9 +385,17 @@ impl<'a> FlatSystem<'a> {
         self.elements.get(path).is_some_and(Option::is_some)
     }
 
+    /// The connector, or the array that has it as an element.
+    fn connector(&self, port: &ConnectorPath) -> Option<&Connector> {
+        self.connectors.get(port).or_else(|| {
+            let array = arrays::array_name(&port.name)?;
+            self.connectors.get(&ConnectorPath::new(&port.element, array))
+        })
+    }
+
     /// Whether there is such a connector of a system.
     pub fn has_connector(&self, port: &ConnectorPath) -> bool {
-        self.connectors.contains_key(port) && !self.is_component(&port.element)
+        self.connector(port).is_some() && !self.is_component(&port.element)
     }
 
     /// The FMU of a component.
@@ -329,12 +427,15 @@ impl<'a> FlatSystem<'a> {
             definition: definition.clone().or_else(|| model?.units.get(name).cloned()),
             name: name.clone(),
         };
-        let connector = self.connectors.get(port).and_then(|connector| connector.unit.as_ref());
+        let connector = self.connector(port).and_then(|connector| connector.unit.as_ref());
         let stated = connector.map(|unit| defined(&unit.name, &unit.definition));
         if stated.as_ref().is_some_and(|unit| unit.definition.is_some()) {
             return stated;
         }
-        let of_variable = model.and_then(|model| model.variables.get(&port.name)?.as_ref());
+        let variable = |name: &str| model.and_then(|model| model.variables.get(name));
+        let variable = variable(&port.name)
+            .or_else(|| arrays::array_name(&port.name).and_then(|array| variable(&array)));
+        let of_variable = variable.and_then(|variable| variable.unit.as_ref());
         let of_variable = of_variable.map(|name| defined(name, &self.units.get(name).cloned()));
         if let (Some(DefinedUnit { name, .. }), Some(other)) = (&stated, &of_variable)
             && *name != other.name

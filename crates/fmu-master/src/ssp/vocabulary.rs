@@ -23,6 +23,25 @@ pub const FMU_TYPE: &str = "application/x-fmu-sharedlibrary";
 /// The types of components that are systems in a file of their own: a structure, and a package.
 pub const SYSTEM_TYPES: [&str; 2] = ["application/x-ssp-definition", "application/x-ssp-package"];
 
+/// The types of connectors that have a unit.
+pub const REALS: [&str; 3] = [REAL, FLOAT64, FLOAT32];
+
+/// The types of parameters with real numbers.
+pub const REAL_VALUES: [&str; 3] = [REAL_VALUE, FLOAT64_VALUE, FLOAT32_VALUE];
+
+/// The types of parameters with whole numbers.
+pub const WHOLE_VALUES: [&str; 9] = [
+    INTEGER_VALUE,
+    INT8_VALUE,
+    INT16_VALUE,
+    INT32_VALUE,
+    INT64_VALUE,
+    UINT8_VALUE,
+    UINT16_VALUE,
+    UINT32_VALUE,
+    UINT64_VALUE,
+];
+
 macro_rules! elements {
     ($($name:ident = $text:literal;)*) => {
         $(pub const $name: &str = $text;)*
@@ -37,6 +56,7 @@ elements! {
     COMPONENT = "ssd:Component";
     CONNECTORS = "ssd:Connectors";
     CONNECTOR = "ssd:Connector";
+    CLOCK_OF_CONNECTOR = "ssd:Clock";
     CONNECTIONS = "ssd:Connections";
     CONNECTION = "ssd:Connection";
     ANNOTATIONS = "ssd:Annotations";
@@ -49,6 +69,10 @@ elements! {
     UNIT = "ssc:Unit";
     BASE_UNIT = "ssc:BaseUnit";
     REAL = "ssc:Real";
+    FLOAT64 = "ssc:Float64";
+    FLOAT32 = "ssc:Float32";
+    CLOCK = "ssc:Clock";
+    DIMENSION = "ssc:Dimension";
     LINEAR = "ssc:LinearTransformation";
     ANNOTATION = "ssc:Annotation";
     PARAMETER_SET = "ssv:ParameterSet";
@@ -56,10 +80,21 @@ elements! {
     PARAMETER = "ssv:Parameter";
     UNITS_OF_SET = "ssv:Units";
     REAL_VALUE = "ssv:Real";
+    FLOAT64_VALUE = "ssv:Float64";
+    FLOAT32_VALUE = "ssv:Float32";
     INTEGER_VALUE = "ssv:Integer";
+    INT8_VALUE = "ssv:Int8";
+    INT16_VALUE = "ssv:Int16";
+    INT32_VALUE = "ssv:Int32";
+    INT64_VALUE = "ssv:Int64";
+    UINT8_VALUE = "ssv:UInt8";
+    UINT16_VALUE = "ssv:UInt16";
+    UINT32_VALUE = "ssv:UInt32";
+    UINT64_VALUE = "ssv:UInt64";
     BOOLEAN_VALUE = "ssv:Boolean";
     STRING_VALUE = "ssv:String";
     ENUMERATION_VALUE = "ssv:Enumeration";
+    ELEMENT_VALUE = "ssv:Value";
     MAPPING = "ssm:ParameterMapping";
     MAPPING_ENTRY = "ssm:MappingEntry";
     OSP_FIXED_STEP = "osp:FixedStepAlgorithm";
