@@ -138,12 +138,12 @@ impl Archive {
     /// # Errors
     /// The file cannot be read or is not an archive.
     pub fn open(file: &Path) -> Result<Self> {
-        let metadata = fs::metadata(file).context("cannot open it")?;
-        ensure!(metadata.is_file(), "it is a folder or device, expected a file");
         ensure!(
             file != Path::new("-"),
             "it is the standard input, in which an archive cannot be searched; expected a file, such as ./-"
         );
+        let metadata = fs::metadata(file).context("cannot open it")?;
+        ensure!(metadata.is_file(), "it is a folder or device, expected a file");
         let open = File::open(file).context("cannot open it")?;
         let zip = ZipArchive::new(BufReader::new(open)).context("it is damaged, or not an FMU")?;
         ensure!(
