@@ -8,7 +8,6 @@ use fmi_abi::fmi2::{fmi2EventInfo, fmi2Status};
 use fmi_abi::fmi3::fmi3Binary;
 
 use crate::logger::{LogMessage, text};
-use crate::types::FmuState;
 
 /// Observes the calls of a library that [`Library::load_observed`](crate::Library::load_observed) has loaded, or of one
 /// instance ([`Instantiation::observer`](crate::Instantiation)). Calls of different instances may be observed at the same
@@ -158,7 +157,6 @@ elements! {
     fmi2Status: value => Element::Integer(value.0.into());
     f32: value => Element::Float32(*value);
     f64: value => Element::Float64(*value);
-    FmuState: value => Element::State(value.0.addr());
     *mut c_void: value => Element::State(value.addr());
     &str: value => Element::Text(Some((*value).to_owned()));
     Option<&str>: value => Element::Text(value.map(str::to_owned));

@@ -7,7 +7,7 @@ use std::time::Duration;
 use fmi_abi::InterfaceType;
 
 use crate::logger::OnIntermediate;
-use crate::observed::CallObserver;
+use crate::observed::{CallObserver, Element, ToElement};
 use crate::outcome::{Cause, Failure, Success};
 use crate::quick::NotOk;
 
@@ -69,6 +69,12 @@ pub struct FmuState(pub(crate) *mut c_void);
 
 // SAFETY: only the functions of the instance use the pointer, which any thread may call, as for `Instance`.
 unsafe impl Send for FmuState {}
+
+impl ToElement for FmuState {
+    fn element(&self) -> Element {
+        Element::State(self.0.addr())
+    }
+}
 
 impl From<&FmuState> for *mut c_void {
     fn from(state: &FmuState) -> Self {

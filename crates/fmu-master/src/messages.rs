@@ -2,14 +2,12 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use anyhow::Result;
 use fmu_file::text::plain;
 use fmu_host::{LogMessage, Status};
 use fmu_worker::{Call, Record};
 use serde::{Deserialize, Serialize};
 
-use crate::observation::Observers;
-use crate::{LoadedComponent, Observation, Plan};
+use crate::observers::Observers;
 
 /// A log message of an instance.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -112,21 +110,9 @@ impl Messages {
         Self { shared, observers: Observers::default() }
     }
 
-    /// The same, of a simulation of a plan whose calls are observed.
-    ///
-    /// # Errors
-    /// The file of a trace cannot be written.
-    pub fn observed(self, observation: &Observation, plan: &Plan) -> Result<Self> {
-        self.observed_in(observation, &plan.components)
-    }
-
-    /// The same, of components.
-    pub(crate) fn observed_in(
-        self,
-        observation: &Observation,
-        components: &[LoadedComponent],
-    ) -> Result<Self> {
-        Ok(Self { observers: observation.begin(components)?, ..self })
+    /// The same, of a simulation whose calls are observed.
+    pub(crate) fn observed_by(self, observers: Observers) -> Self {
+        Self { observers, ..self }
     }
 
     /// Who observes the calls of the simulation.

@@ -1,19 +1,18 @@
-//! What is observed of the calls of a run, as the user asks for, and the observers, which run in the worker process.
+//! What is observed of the calls of a run, as the user asks for.
 
-use std::ffi::c_int;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
-use fmu_host::{CallObserver, LogMessage, ObservedCall};
+use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
-use crate::LoadedComponent;
-use crate::profile::{Profile, Profiler};
+use crate::observers::Observers;
+use crate::profile::Profiler;
 use crate::trace::Recorder;
+use crate::{LoadedComponent, Messages};
 
 /// What is observed of the calls of a run; by default nothing, which costs nothing.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
@@ -27,83 +26,48 @@ pub struct Observation {
     pub profile: bool,
 }
 
-/// The observers of a run.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Observers {
-    components: Arc<[String]>,
-    recorder: Option<Arc<Recorder>>,
-    profiler: Option<Arc<Profiler>>,
-}
-
 impl Observation {
-    /// Begins to observe the calls of components, and creates the file of the trace.
+    /// The messages of a simulation, whose calls are observed from now on. Creates the file of the trace.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub(crate) fn begin(&self, components: &[LoadedComponent]) -> Result<Observers> {
+    pub fn begin(&self, messages: Messages, components: &[LoadedComponent]) -> Result<Messages> {
+        let lines = || Vec::from_iter(components.iter().map(of_component));
+        let create = |file: &PathBuf| Recorder::create(file, &lines()).map(Arc::new);
         let names = components.iter().map(|component| component.name.clone());
-        let create = |file: &PathBuf| Recorder::create(file, components.iter()).map(Arc::new);
-        Ok(Observers {
+        Ok(messages.observed_by(Observers {
             recorder: self.trace.as_ref().map(create).transpose()?,
             profiler: self.profile.then(|| Profiler::new(names.clone()).into()),
             components: names.collect(),
-        })
+        }))
     }
 }
 
-impl Observers {
-    /// The observer of the calls of a component, if they are observed.
-    pub(crate) fn of_component(&self, index: usize) -> Option<Arc<dyn CallObserver>> {
-        let is_observed = self.recorder.is_some() || self.profiler.is_some();
-        let observer = || ComponentObserver { all: self.clone(), index, call: AtomicU64::new(0) };
-        is_observed.then(|| Arc::new(observer()) as Arc<dyn CallObserver>)
-    }
-
-    /// Writes what is left of the trace, and returns the profile.
-    ///
-    /// # Errors
-    /// The trace could not be written.
-    pub(crate) fn finish(&self) -> Result<Option<Profile>> {
-        if let Some(recorder) = &self.recorder {
-            recorder.finish().context("the trace could not be written, and is not complete")?;
+/// The line of a component in a trace.
+fn of_component(component: &LoadedComponent) -> Vec<(&'static str, Value)> {
+    let LoadedComponent { name, fmu, .. } = component;
+    let variables = fmu.variables.iter().map(|variable| {
+        let of_type = variable.of_type.as_str();
+        match variable.element_count() {
+            1 => json!([variable.name, of_type, variable.reference]),
+            elements => json!([variable.name, of_type, variable.reference, elements]),
         }
-        Ok(self.profiler.as_ref().map(|profiler| profiler.profile()))
-    }
-}
-
-/// The observer of the calls of one component.
-struct ComponentObserver {
-    all: Observers,
-    index: usize,
-    /// The number of the call in progress.
-    call: AtomicU64,
-}
-
-impl ComponentObserver {
-    fn name(&self) -> &str {
-        &self.all.components[self.index]
-    }
-}
-
-impl CallObserver for ComponentObserver {
-    fn begin(&self, call: &ObservedCall<'_>) {
-        if let Some(recorder) = &self.all.recorder {
-            self.call.store(recorder.begin(self.name(), call), Relaxed);
-        }
-    }
-
-    fn end(&self, call: &ObservedCall<'_>, status: Option<c_int>, duration: Duration) {
-        if let Some(recorder) = &self.all.recorder {
-            recorder.end((self.name(), self.call.load(Relaxed)), call, status, duration);
-        }
-        if let Some(profiler) = &self.all.profiler {
-            profiler.add(self.index, call.function, status, duration);
-        }
-    }
-
-    fn log(&self, message: &LogMessage) {
-        if let Some(recorder) = &self.all.recorder {
-            recorder.log(self.name(), message);
-        }
-    }
+    });
+    let variables = ("variables", Vec::from_iter(variables).into());
+    let name = ("component", Value::from(name.as_str()));
+    let Some(binary) = fmu.binary() else { return vec![name, variables] };
+    let file = std::path::absolute(&fmu.path).unwrap_or_else(|_| fmu.path.clone());
+    let interface = match fmu.interface_type {
+        InterfaceType::CoSimulation => "co-simulation",
+        InterfaceType::ModelExchange => "model-exchange",
+    };
+    vec![
+        name,
+        ("fmu", file.to_string_lossy().into()),
+        ("binary", binary.file.as_str().into()),
+        ("fmi", fmu.version.as_str().into()),
+        ("interface", interface.into()),
+        ("token", binary.token.as_str().into()),
+        variables,
+    ]
 }

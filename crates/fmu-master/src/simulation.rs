@@ -2,7 +2,6 @@
 
 mod adaptive;
 mod advance;
-mod crew;
 mod extrapolated;
 mod hosted;
 mod internal_steps;
@@ -11,6 +10,7 @@ mod paced;
 mod resumed;
 mod row;
 mod saved;
+mod threads;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,14 +19,13 @@ use std::thread;
 use anyhow::{Result, bail};
 use fmu_description::Value;
 use fmu_host::Instance;
-use iteration::Evaluation;
 
 pub use row::Row;
 pub use saved::Snapshot;
 
-use self::crew::Crew;
 use crate::component_instance::{CallResult, ComponentInstance, get_feeding_outputs};
 use crate::components::{LoadedComponent, ScalarId};
+use crate::crew::Crew;
 use crate::fault::FaultyConnection;
 use crate::iterated_group::Stage;
 use crate::pace::{Pace, Punctuality};
@@ -236,7 +235,7 @@ impl Simulation<'_> {
                         values
                     }
                     Stage::Group(number) => {
-                        self.iterate(number, Evaluation::Initial)?;
+                        self.iterate_initially(number)?;
                         Some(self.get_feeding(fed)?)
                     }
                 };

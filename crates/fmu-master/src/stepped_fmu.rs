@@ -277,7 +277,7 @@ impl SteppedFmu {
     pub fn new(setup: &Setup, record: &Record) -> Result<Self> {
         let Names(planned) = Names::open(setup)?;
         let messages = Messages::recorded(record.clone());
-        let messages = messages.observed_in(&setup.observation, std::slice::from_ref(&planned))?;
+        let messages = setup.observation.begin(messages, std::slice::from_ref(&planned))?;
         Self::instantiate(planned, 0, setup.start, messages)
     }
 

@@ -426,7 +426,7 @@ fn in_this_process(system: SystemSource, kept: &mut Kept, host: &Host) -> Result
     let mut warn = |text: &str| outcome.warnings.push(text.to_owned());
     let planned = kept.loaded.plan(system, &compute, &mut warn);
     let planned = planned.and_then(|(plan, starts)| {
-        Ok((plan, starts, Messages::default().observed(&observation, plan)?))
+        Ok((plan, starts, observation.begin(Messages::default(), &plan.components)?))
     });
     let (plan, starts, messages) = match planned {
         Ok(planned) => planned,

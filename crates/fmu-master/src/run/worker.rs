@@ -26,7 +26,7 @@ pub fn serve<P: Borrow<Plan>>(
     let messages = Messages::recorded(service.record().clone());
     let planned = plan(&mut |text| service.reply(&Report::Warning(text.into())));
     let planned = planned.and_then(|(plan, starts)| {
-        let messages = messages.observed(observation, plan.borrow())?;
+        let messages = observation.begin(messages, &plan.borrow().components)?;
         Ok((plan, starts, messages))
     });
     let (plan, starts, messages) = match planned {

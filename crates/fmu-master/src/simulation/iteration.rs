@@ -25,7 +25,7 @@ pub(super) struct Iteration {
 
 /// How a group is evaluated.
 #[derive(Clone, Copy)]
-pub(super) enum Evaluation {
+enum Evaluation {
     /// In initialization mode.
     Initial,
     /// At a communication point.
@@ -76,8 +76,13 @@ impl Simulation<'_> {
         self.iterate(number, Evaluation::AtPoint)
     }
 
+    /// Solves the equations of a group in initialization mode.
+    pub(super) fn iterate_initially(&mut self, number: usize) -> CallResult {
+        self.iterate(number, Evaluation::Initial)
+    }
+
     /// Iterates a group until its outputs are the guesses.
-    pub(super) fn iterate(&mut self, number: usize, evaluation: Evaluation) -> CallResult {
+    fn iterate(&mut self, number: usize, evaluation: Evaluation) -> CallResult {
         let group = &self.plan.schedule.groups[number];
         if let (Evaluation::Step { .. }, Some(before)) =
             (evaluation, self.iterations[number].before)

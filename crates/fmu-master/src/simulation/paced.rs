@@ -48,7 +48,7 @@ impl Simulation<'_> {
 
 impl ComponentInstance<'_> {
     /// Takes a step of a system that is not plain, measured if the run is paced.
-    pub(super) fn step_measured(&mut self, time: f64, step: f64) -> CallResult {
+    pub(crate) fn step_measured(&mut self, time: f64, step: f64) -> CallResult {
         let Some(before) = self.duration else { return self.step::<false>(time, step) };
         let begin = real_time::now();
         let stepped = self.step::<false>(time, step);

@@ -8,12 +8,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use fmu_host::{Direction, InterfaceType, LogMessage, ObservedCall, Status};
-use serde_json::{Value, json};
+use fmu_host::{Direction, LogMessage, ObservedCall, Status};
+use serde_json::Value;
 
 use super::VERSION;
 use super::element::{States, to_json};
-use crate::LoadedComponent;
 
 /// Writes the calls of all components to a file: one write to the system for each call.
 #[derive(Debug)]
@@ -33,14 +32,11 @@ struct Output {
 }
 
 impl Recorder {
-    /// Creates a file for the calls of these components.
+    /// Creates a file for the calls of components, which have these keys and values in their lines.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub(crate) fn create<'a>(
-        path: &Path,
-        components: impl Iterator<Item = &'a LoadedComponent>,
-    ) -> Result<Self> {
+    pub(crate) fn create(path: &Path, components: &[Vec<(&str, Value)>]) -> Result<Self> {
         let cannot = || format!("cannot write {}", path.display());
         let file = File::create(path).with_context(cannot)?;
         let mut output = Output {
@@ -58,7 +54,7 @@ impl Recorder {
             ("program", concat!("cargo-fmu ", env!("CARGO_PKG_VERSION")).into()),
             ("platform", platform.into()),
         ]);
-        components.for_each(|component| output.line(&of_component(component)));
+        components.iter().for_each(|component| output.line(component));
         output.write();
         match output.failure.take() {
             Some(error) => Err(error).with_context(cannot),
@@ -247,35 +243,6 @@ pub(crate) fn of_status(function: &str, status: c_int) -> Value {
         Status::Pending if function.starts_with("fmi3") => status.into(),
         known => known.to_string().replace("fmi2", function.get(..4).unwrap_or_default()).into(),
     }
-}
-
-/// The line of a component.
-fn of_component(component: &LoadedComponent) -> Vec<(&'static str, Value)> {
-    let LoadedComponent { name, fmu, .. } = component;
-    let variables = fmu.variables.iter().map(|variable| {
-        let of_type = variable.of_type.as_str();
-        match variable.element_count() {
-            1 => json!([variable.name, of_type, variable.reference]),
-            elements => json!([variable.name, of_type, variable.reference, elements]),
-        }
-    });
-    let variables = ("variables", Vec::from_iter(variables).into());
-    let name = ("component", Value::from(name.as_str()));
-    let Some(binary) = fmu.binary() else { return vec![name, variables] };
-    let file = std::path::absolute(&fmu.path).unwrap_or_else(|_| fmu.path.clone());
-    let interface = match fmu.interface_type {
-        InterfaceType::CoSimulation => "co-simulation",
-        InterfaceType::ModelExchange => "model-exchange",
-    };
-    vec![
-        name,
-        ("fmu", file.to_string_lossy().into()),
-        ("binary", binary.file.as_str().into()),
-        ("fmi", fmu.version.as_str().into()),
-        ("interface", interface.into()),
-        ("token", binary.token.as_str().into()),
-        variables,
-    ]
 }
 
 /// Completes the file of a run whose process has ended, with the way in which it did.

@@ -1,9 +1,9 @@
 //! Threads in which components step at the same time, where the order of stepping allows it. The results are the same as
 //! without.
 //!
-//! For each [batch](crate::batches) of a communication step, the thread of the run moves the components of the batch to seats. All threads
-//! take components from there until none is left, and the components return. A thread that waits spins for a moment, as the
-//! next batch may come soon, and then sleeps.
+//! For each [batch](crate::batches) of a communication step, the thread of the run moves the components of the batch to
+//! seats. All threads take components from there until none is left, and the components return. A thread that waits spins
+//! for a moment, as the next batch may come soon, and then sleeps.
 
 use std::hint::spin_loop;
 use std::num::NonZeroUsize;
@@ -14,7 +14,6 @@ use std::thread::{self, Scope, Thread};
 use fmu_host::this_process;
 use fmu_worker::{MAX_THREADS, Record};
 
-use super::Simulation;
 use crate::Plan;
 use crate::component_instance::{CallResult, ComponentInstance};
 use crate::rate::Rate;
@@ -23,7 +22,7 @@ use crate::rate::Rate;
 const LOOKS: usize = 2000;
 
 /// Threads, and the components that step in them.
-pub(super) struct Crew<'a> {
+pub(crate) struct Crew<'a> {
     seats: Vec<Mutex<Seat<'a>>>,
     /// The components of the current batch that no thread has taken yet, by their indices, the first one last.
     due: Mutex<Vec<usize>>,
@@ -89,7 +88,7 @@ impl Waiting {
 
 impl<'a> Crew<'a> {
     /// The crew of a run of a plan, if it wants several threads and components may step at the same time.
-    pub(super) fn new(plan: &Plan, record: &Record) -> Option<Arc<Self>> {
+    pub(crate) fn new(plan: &Plan, record: &Record) -> Option<Arc<Self>> {
         let threads = plan.execution.threads.map_or(1, NonZeroUsize::get);
         let most = plan.batches.iter().map(Vec::len).max().unwrap_or(0);
         let threads = threads.min(most).min(MAX_THREADS);
@@ -114,7 +113,7 @@ impl<'a> Crew<'a> {
     }
 
     /// Starts the threads besides the one of the run, which calls this.
-    pub(super) fn start<'scope>(self: &Arc<Self>, scope: &'scope Scope<'scope, '_>) -> Over<'a>
+    pub(crate) fn start<'scope>(self: &Arc<Self>, scope: &'scope Scope<'scope, '_>) -> Over<'a>
     where
         'a: 'scope,
     {
@@ -162,6 +161,28 @@ impl<'a> Crew<'a> {
         true
     }
 
+    /// Has some of the components take their steps in communication step `k`, from a time and of a size (s).
+    ///
+    /// # Errors
+    /// The first failure, in the order of the components.
+    pub(crate) fn advance(
+        &self,
+        components: &mut Vec<ComponentInstance<'a>>,
+        due: &[usize],
+        k: u64,
+        (time, step): (f64, f64),
+    ) -> CallResult {
+        for (seat, component) in self.seats.iter().zip(components.drain(..)) {
+            let mut seat = lock(seat);
+            seat.component = Some(component);
+            seat.steps = Steps { k, time, step, ..seat.steps };
+        }
+        self.step(due);
+        components.extend(self.seats.iter().filter_map(|seat| lock(seat).component.take()));
+        due.iter()
+            .try_for_each(|&index| std::mem::replace(&mut lock(&self.seats[index]).outcome, Ok(())))
+    }
+
     /// Has components step, and waits until all have.
     fn step(&self, components: &[usize]) {
         self.left.store(components.len(), SeqCst);
@@ -186,7 +207,7 @@ impl Drop for Done<'_, '_> {
 }
 
 /// Ends the threads of a crew when it is dropped.
-pub(super) struct Over<'a>(Arc<Crew<'a>>);
+pub(crate) struct Over<'a>(Arc<Crew<'a>>);
 
 impl Drop for Over<'_> {
     fn drop(&mut self) {
@@ -226,56 +247,4 @@ impl ComponentInstance<'_> {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-impl<'a> Simulation<'a> {
-    /// [`Simulation::advance`] with a crew.
-    pub(super) fn advance_with(
-        &mut self,
-        crew: &Crew<'a>,
-        k: u64,
-        time: f64,
-        step: f64,
-    ) -> CallResult {
-        for batch in &self.plan.batches {
-            for &index in batch {
-                self.feed_component(index, k, time, step)?;
-            }
-            self.step_together(crew, batch, k, (time, step))?;
-            for &index in batch {
-                self.read_component(index, k, time + step)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Has the components of a batch take their steps in a communication step, those at the same time that can.
-    fn step_together(
-        &mut self,
-        crew: &Crew<'a>,
-        batch: &[usize],
-        k: u64,
-        (time, step): (f64, f64),
-    ) -> CallResult {
-        let (due, alone) = batch.iter().copied().partition::<Vec<_>, _>(|&index| {
-            self.is_due(index, k) && !self.is_fed_within_step(index)
-        });
-        if due.len() > 1 {
-            // Calls are recorded by thread meanwhile.
-            self.messages.record().end_call();
-            for (seat, component) in crew.seats.iter().zip(self.components.drain(..)) {
-                let mut seat = lock(seat);
-                seat.component = Some(component);
-                seat.steps = Steps { k, time, step, ..seat.steps };
-            }
-            crew.step(&due);
-            let components = crew.seats.iter().filter_map(|seat| lock(seat).component.take());
-            self.components.extend(components);
-            for &index in &due {
-                std::mem::replace(&mut lock(&crew.seats[index]).outcome, Ok(()))?;
-            }
-        }
-        let alone = if due.len() > 1 { alone } else { batch.to_vec() };
-        alone.into_iter().try_for_each(|index| self.step_component(index, k, time, step))
-    }
 }
