@@ -4,10 +4,15 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
+from lxml import etree
 
-from native import in_c, refusal, replaced, simulate, write_system
+from native import SOURCES, in_c, read, refusal, replaced, run, simulate, write_system
+
+SCHEMAS = Path(fmpy.__file__).parent / "ssp" / "schema"
+VECTOR = (SOURCES / "vector.xml").read_text(encoding="utf-8")
 
 HEAD = """<SystemStructureDescription version="2.0" name="arrays"
   xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription"
@@ -84,8 +89,9 @@ TIMES = {"order": "parallel", "step": 0.25}
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with FMUs of FMI 3.0 with arrays and rare types."""
     folder = tmp_path_factory.mktemp("ssp2")
-    in_c(folder / "Vector.fmu")
-    in_c(folder / "Sums.fmu")
+    for name in ("Vector", "Sums"):
+        in_c(folder / f"{name}.fmu")
+    (folder / "Vector").mkdir()
     return folder
 
 
@@ -213,3 +219,104 @@ def test_arrays_of_a_size_that_a_parameter_sets_are_connected(folder, tmp_path):
     start, links = {"n": 2}, [f"a.w[{i}] -> b.a[{i}]" for i in (1, 2)]
     system = write_system(folder, {"a": start, "b": start}, links, "Vector", **TIMES)
     same(simulate(file, tmp_path, "--step", 0.25), simulate(system, tmp_path))
+
+
+# --- writing --------------------------------------------------------------------------------------
+
+NS = {
+    part: f"http://ssp-standard.org/SSP1/SystemStructure{name}"
+    for part, name in [("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues")]
+}
+
+
+def written(system: Path) -> Path:
+    """Write the package of a system, without a warning."""
+    result = run("ssp", system, "--out", system.parent / "out", cwd=system.parent)
+    assert (result.returncode, result.stderr) == (0, "")
+    return system.parent / "out" / "system.ssp"
+
+
+def root(package: Path) -> etree._Element:
+    """Return the root of its structure."""
+    return etree.fromstring(read(package)["SystemStructure.ssd"])
+
+
+def test_a_package_of_fmi_3_gives_the_bits_of_its_system(folder, tmp_path):
+    values = {"A": [[0.1, -2, 3], [4, 5, 1e300]], "ws": [1, 2**63 + 1], "i": -5, "m[2,1]": 0.7}
+    links = ["a.yws[1] -> b.ws[2]", "a.yA[2,3] -> b.m[1,2]", "a.yi -> b.i", "a.ye -> b.e"]
+    links += [{"from": "a.ym[2,1]", "to": "b.m[2,3]", "factor": 3.0, "offset": 0.25}]
+    start = {"a": values | {"e": "linear"}, "b": {"ws[1]": 2**64 - 1}}
+    in_c(folder / "Echo.fmu")
+    system = write_system(folder, start, links, "Echo", **TIMES)
+    expected = simulate(system, tmp_path)
+    assert expected["b.ym[2,3]"][-1] == 3 * 0.7 + 0.25
+    assert expected["b.yws[1]"][-1] == 2.0**64
+    result = run("ssp", system, "--out", folder / "out", cwd=folder)
+    assert (result.returncode, "e, an enumeration" in result.stderr) == (0, True)
+    same(simulate(folder / "out" / "system.ssp", tmp_path), expected)
+
+
+def test_a_package_states_version_types_and_dimensions(folder, tmp_path):
+    start = {"a": {"s": ["a b", ""], "u[2]": 7, "u[3]": 1, "x": 0.1}, "b": {}}
+    links = ["a.n -> b.u[2]", "a.y -> b.x"]
+    system = write_system(folder, start, links, "Sums", **TIMES)
+    expected = simulate(system, tmp_path)
+    package = written(system)
+    same(simulate(package, tmp_path), expected)
+    structure = root(package)
+    sets = structure.findall(".//ssv:ParameterSet", NS)
+    assert [element.get("version") for element in (structure, *sets)] == ["2.0", "2.0"]
+
+    def shown(element: etree._Element) -> tuple[str, list[str]]:
+        sizes = [d.get("size") for d in element.findall("ssc:Dimension", NS)]
+        return etree.QName(element[0]).localname, sizes
+
+    component = structure.find(".//ssd:Component", NS)
+    connectors = component.findall("ssd:Connectors/ssd:Connector", NS)
+    assert {c.get("name"): shown(c) for c in connectors} == {
+        "u": ("UInt8", ["3"]), "x": ("Float32", []), "b": ("Boolean", []),
+        "n": ("Int64", []), "y": ("Float32", []), "c": ("Boolean", []),
+        "k": ("Int16", ["2", "2"]), "bytes": ("Binary", []), "large": ("Int64", []),
+        "largest": ("UInt64", []), "shape": ("Enumeration", []), "texts": ("String", ["3"]),
+        "s": ("String", ["2"]),
+    }  # fmt: skip
+    parameters = {p.get("name"): p for p in component.findall(".//ssv:Parameter", NS)}
+    assert {name: shown(p) for name, p in parameters.items()} == {
+        "s": ("String", ["2"]), "u": ("UInt8", ["3"]), "x": ("Float32", []),
+    }  # fmt: skip
+    # The first has the start value of the FMU.
+    assert parameters["u"][0].get("value") == "1 7 1"
+    texts = [value.get("value") for value in parameters["s"].findall("ssv:String/ssv:Value", NS)]
+    assert texts == ["a b", ""]
+    ends = [dict(c.attrib) for c in structure.findall(".//ssd:Connection", NS)]
+    assert [(end.get("startIndices"), end.get("endIndices")) for end in ends] == [
+        (None, "2"), (None, None),
+    ]  # fmt: skip
+
+
+def test_a_package_keeps_the_size_that_a_structural_parameter_sets(folder, tmp_path):
+    start = {"n": 5, "c": [1.0, 2.0, 3.0, 4.0, 5.0]}
+    links = [f"a.w[{i}] -> b.a[{6 - i}]" for i in range(1, 6)]
+    changes = {"a": start, "b": start | {"a": [0.0] * 5}}
+    system = write_system(folder, changes, links, "Vector", **TIMES)
+    expected = simulate(system, tmp_path)
+    assert "b.w[5]" in expected
+    package = written(system)
+    same(simulate(package, tmp_path), expected)
+    kinds = [c.get("kind") for c in root(package).findall(".//ssd:Connector[@name='n']", NS)]
+    assert kinds == ["structuralParameter"] * 2
+
+
+def test_a_package_of_scalars_of_fmi_2_types_is_of_version_1(folder, tmp_path):
+    xml = re.sub(r".*(Dimension|Int64).*\n", "", VECTOR)
+    xml = re.sub(r'.*(<Output|<InitialUnknown) valueReference="1".*\n', "", xml)
+    in_c(folder / "Vector" / "Vector.fmu", xml=xml)
+    system = write_system(
+        folder / "Vector", {"a": {"u": 0.5}, "b": {}}, ["a.y -> b.u"], "Vector", **TIMES
+    )
+    package = written(system)
+    structure = root(package)
+    etree.XMLSchema(file=SCHEMAS / "SystemStructureDescription.xsd").assertValid(structure)
+    assert structure.get("version") == "1.0"
+    found = simulate(package, tmp_path)
+    np.testing.assert_array_equal(found["a.y"], 1.0)

@@ -146,7 +146,7 @@ Example:
   cargo fmu diff released/Pid.fmu target/fmu/Pid.fmu"
     )]
     Diff(diff::DiffArgs),
-    /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
+    /// Export systems of coupled FMUs as SSP packages for other tools
     #[command(
         after_help = "A package cannot specify the order of stepping; most tools step all components
 in parallel.

@@ -4,9 +4,11 @@ use std::collections::{BTreeMap, HashSet};
 
 use anyhow::Result;
 use fmu_description::xml::Element;
-use fmu_description::{Causality, Type, Value, Variable};
+use fmu_description::{Causality, FmiVersion, Type, Value, Variable};
 
 use super::vocabulary;
+use crate::components::ScalarId;
+use crate::start::ComponentStarts;
 use crate::{Experiment, Fmu, LoadedComponent, Plan};
 
 /// The name of every set of start values: tools select sets of all components by one name.
@@ -27,7 +29,9 @@ pub fn document(
 ) -> Result<String> {
     let Experiment { start, stop, step } = plan.experiment;
     let sides = Vec::from_iter(plan.components.iter().map(sides));
-    let mut definitions = Definitions::default();
+    let needs_2 = plan.components.iter().zip(&sides).any(|(c, sides)| needs_ssp_2(c, sides));
+    let mut definitions = Definitions { is_ssp_2: needs_2, ..Definitions::default() };
+    let version = definitions.version();
     let components = plan.components.iter().enumerate().map(|(index, planned)| {
         let (name, place) = (&identifiers[index], &places[index]);
         let implementation = match planned.integrates() {
@@ -52,8 +56,10 @@ pub fn document(
         Element::new(vocabulary::CONNECTION)
             .with("startElement", &identifiers[connection.from.component])
             .with("startConnector", &from.name)
+            .with_some("startIndices", indices(plan, connection.from))
             .with("endElement", &identifiers[connection.to.component])
             .with("endConnector", &to.name)
+            .with_some("endIndices", indices(plan, connection.to))
             .with_some("suppressUnitConversion", connection.conversion.map(|_| true))
             .holding_all(connection.conversion.map(|conversion| {
                 Element::new(vocabulary::LINEAR)
@@ -83,7 +89,7 @@ pub fn document(
         .iter()
         .fold(structure, |structure, (key, uri)| structure.with(key, uri));
     structure
-        .with("version", "1.0")
+        .with("version", version)
         .with("name", name)
         // The standard has no attribute for the step.
         .with("description", format!("communication step {step} s"))
@@ -113,8 +119,37 @@ fn sides(component: &LoadedComponent) -> Sides<'_> {
         1 => v.causality == Causality::Output,
         _ => v.is_parameter() && set.contains(&v.name),
     };
-    let all = &component.fmu.variables;
-    [0, 1, 2].map(|side| all.iter().filter(|v| is_on(side, v)).collect())
+    // Clocks have no values.
+    let all = || component.fmu.variables.iter().filter(|v| v.of_type != Type::Clock);
+    [0, 1, 2].map(|side| all().filter(|v| is_on(side, v)).collect())
+}
+
+/// Whether a connector or a start value of a component does not exist in SSP 1.0.
+fn needs_ssp_2(component: &LoadedComponent, sides: &Sides<'_>) -> bool {
+    let started = component.starts().map(|(variable, _)| variable);
+    sides.iter().flatten().copied().chain(started).any(|variable| {
+        let is_known = match variable.of_type {
+            Type::Boolean | Type::String | Type::Enumeration | Type::Binary => true,
+            of_type => of_type == Type::Float64 || of_type == Type::Int32,
+        };
+        !is_known
+            || !variable.dimensions.is_empty()
+            || variable.causality == Causality::StructuralParameter
+    })
+}
+
+/// The indices of an element of an array, from 1; `None` for a scalar.
+fn indices(plan: &Plan, id: ScalarId) -> Option<String> {
+    let fmu = id.fmu(&plan.components);
+    let mut rest = fmu.scalars[id.scalar].element;
+    let lengths = fmu.variable(id.scalar).dimensions.iter().rev();
+    let mut indices = Vec::from_iter(lengths.map(|length| {
+        let index = rest % length + 1;
+        rest /= length;
+        index.to_string()
+    }));
+    indices.reverse();
+    (!indices.is_empty()).then(|| indices.join(" "))
 }
 
 fn connectors(
@@ -128,10 +163,15 @@ fn connectors(
             let height = 1.0 - (index as f64 + 0.5) / sides[side].len() as f64;
             let (x, y) = [(0.0, height), (1.0, height), (1.0 - height, 0.0)][side];
             let geometry = Element::new("ssd:ConnectorGeometry");
+            let kind = match variable.causality {
+                Causality::StructuralParameter => "structuralParameter",
+                _ => kind,
+            };
             let connector = Element::new(vocabulary::CONNECTOR)
                 .with("name", &variable.name)
                 .with("kind", kind)
-                .holding(definitions.type_or_value(fmu, variable, None))
+                .holding(definitions.type_or_value(fmu, variable, &[]))
+                .holding_all(dimensions(variable))
                 .holding(geometry.with("x", x).with("y", y));
             connectors.push(connector);
         }
@@ -141,21 +181,35 @@ fn connectors(
 
 /// The start values, stored in the component itself, where all tools read them.
 fn bindings(component: &LoadedComponent, definitions: &mut Definitions) -> Vec<Element<'static>> {
-    let parameters = component.starts().map(|(variable, value)| {
+    let fmu = &component.fmu;
+    let starts = ComponentStarts::new(component.starts.iter());
+    let mut arrays = HashSet::new();
+    let scalars = component.starts.iter().map(|(scalar, _)| fmu.array(*scalar));
+    // An array has all its values, those of the FMU if the system sets some elements only.
+    let parameters = scalars.filter(|array| arrays.insert(array.start)).map(|array| {
+        let variable = fmu.variable(array.start);
+        let values = Vec::from_iter(array.map(|scalar| starts.value(scalar, fmu)));
         Element::new(vocabulary::PARAMETER)
             .with("name", &variable.name)
-            .holding(definitions.type_or_value(&component.fmu, variable, Some(value)))
+            .holding(definitions.type_or_value(fmu, variable, &values))
+            .holding_all(dimensions(variable))
     });
     let parameters = Vec::from_iter(parameters);
     if parameters.is_empty() {
         return vec![];
     }
     let set = Element::new(vocabulary::PARAMETER_SET)
-        .with("version", "1.0")
+        .with("version", definitions.version())
         .with("name", PARAMETER_SET)
         .listing(vocabulary::PARAMETERS, parameters);
     let values = Element::new(vocabulary::VALUES).holding(set);
     vec![Element::new(vocabulary::BINDING).holding(values)]
+}
+
+/// The dimensions of an array; none of a scalar.
+fn dimensions(variable: &Variable) -> impl Iterator<Item = Element<'static>> {
+    let lengths = variable.dimensions.iter();
+    lengths.map(|length| Element::new(vocabulary::DIMENSION).with("size", length))
 }
 
 /// A number in XML notation that reads back exactly.
@@ -197,11 +251,18 @@ fn master(step: f64) -> Element<'static> {
 /// The units and enumerations that a system uses.
 #[derive(Default)]
 struct Definitions {
+    /// Whether the package is of SSP 2.0, which has the types of FMI 3.0.
+    is_ssp_2: bool,
     units: BTreeMap<String, Vec<(String, f64)>>,
     enumerations: BTreeMap<String, Vec<(String, i64)>>,
 }
 
 impl Definitions {
+    /// The version of SSP.
+    fn version(&self) -> &'static str {
+        if self.is_ssp_2 { "2.0" } else { "1.0" }
+    }
+
     /// The unit of a variable; `None` if the FMU does not define it or another FMU defines it
     /// differently. Tools then use the unit of the FMU's variable.
     fn unit(&mut self, fmu: &Fmu, variable: &Variable) -> Option<String> {
@@ -224,38 +285,45 @@ impl Definitions {
         name
     }
 
-    /// The type of a variable, or its value.
+    /// The type of a variable, or its values.
     fn type_or_value(
         &mut self,
         fmu: &Fmu,
         variable: &Variable,
-        value: Option<&Value>,
+        values: &[Value],
     ) -> Element<'static> {
-        let (of_type, of_value, term) = match variable.of_type {
-            Type::Boolean => ("ssc:Boolean", vocabulary::BOOLEAN_VALUE, None),
-            Type::String => ("ssc:String", vocabulary::STRING_VALUE, None),
-            Type::Enumeration => {
-                let name = self.enumeration(fmu, variable);
-                ("ssc:Enumeration", vocabulary::ENUMERATION_VALUE, Some(("name", name)))
-            }
-            kind if kind.is_float() => {
-                let unit = self.unit(fmu, variable);
-                (vocabulary::REAL, vocabulary::REAL_VALUE, unit.map(|unit| ("unit", unit)))
-            }
-            _ => ("ssc:Integer", vocabulary::INTEGER_VALUE, None),
+        let has_own_types = self.is_ssp_2 && fmu.version == FmiVersion::Fmi3;
+        let [of_type, of_value] = match variable.of_type {
+            kind if has_own_types => own_type(kind),
+            Type::Float64 => [vocabulary::REAL, vocabulary::REAL_VALUE],
+            Type::Int32 => ["ssc:Integer", vocabulary::INTEGER_VALUE],
+            kind => own_type(kind),
         };
-        let mut element = Element::new(value.map_or(of_type, |_| of_value));
-        if let Some(value) = value {
-            let mut items = variable.items().iter();
-            let text = match (value, value.as_real()) {
-                (_, Some(number)) => Some(real(number)),
-                (Value::Enumeration(number), _) => {
-                    let item = items.find(|item| item.value == *number);
-                    item.map(|item| item.name.clone())
-                }
-                _ => Some(value.to_string()),
-            };
-            element = element.with_some("value", text);
+        let term = match variable.of_type {
+            Type::Enumeration => Some(("name", self.enumeration(fmu, variable))),
+            kind if kind.is_float() => self.unit(fmu, variable).map(|unit| ("unit", unit)),
+            _ => None,
+        };
+        let mut element = Element::new(if values.is_empty() { of_type } else { of_value });
+        let text = |value: &Value| match (value, value.as_real()) {
+            (_, Some(number)) => Some(real(number)),
+            (Value::Enumeration(number), _) => {
+                let item = variable.items().iter().find(|item| item.value == *number);
+                item.map(|item| item.name.clone())
+            }
+            _ => Some(value.to_string()),
+        };
+        let texts = values.iter().map(text);
+        let is_list = !variable.dimensions.is_empty();
+        if is_list && matches!(variable.of_type, Type::String | Type::Enumeration) {
+            element = element.holding_all(
+                texts.map(|text| Element::new(vocabulary::ELEMENT_VALUE).with_some("value", text)),
+            );
+        } else if is_list {
+            let texts = Vec::from_iter(texts.flatten());
+            element = element.with_some("value", (!texts.is_empty()).then(|| texts.join(" ")));
+        } else {
+            element = element.with_some("value", texts.flatten().next());
         }
         match term {
             Some((name, term)) => element.with(name, term),
@@ -283,5 +351,27 @@ impl Definitions {
             Element::new(vocabulary::UNIT).with("name", name).holding(unit)
         });
         units.collect()
+    }
+}
+
+/// The elements of the type and of a value of it, which have the name of the type in FMI 3.0.
+fn own_type(of_type: Type) -> [&'static str; 2] {
+    match of_type {
+        Type::Float64 => [vocabulary::FLOAT64, vocabulary::FLOAT64_VALUE],
+        Type::Float32 => [vocabulary::FLOAT32, vocabulary::FLOAT32_VALUE],
+        Type::Int8 => ["ssc:Int8", vocabulary::INT8_VALUE],
+        Type::UInt8 => ["ssc:UInt8", vocabulary::UINT8_VALUE],
+        Type::Int16 => ["ssc:Int16", vocabulary::INT16_VALUE],
+        Type::UInt16 => ["ssc:UInt16", vocabulary::UINT16_VALUE],
+        Type::Int32 => ["ssc:Int32", vocabulary::INT32_VALUE],
+        Type::UInt32 => ["ssc:UInt32", vocabulary::UINT32_VALUE],
+        Type::Int64 => ["ssc:Int64", vocabulary::INT64_VALUE],
+        Type::UInt64 => ["ssc:UInt64", vocabulary::UINT64_VALUE],
+        Type::Boolean => ["ssc:Boolean", vocabulary::BOOLEAN_VALUE],
+        Type::String => ["ssc:String", vocabulary::STRING_VALUE],
+        Type::Enumeration => ["ssc:Enumeration", vocabulary::ENUMERATION_VALUE],
+        // They have no start values here.
+        Type::Binary => ["ssc:Binary", "ssv:Binary"],
+        Type::Clock => [vocabulary::CLOCK, vocabulary::CLOCK],
     }
 }

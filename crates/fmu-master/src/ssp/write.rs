@@ -5,13 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{FmiVersion, Type};
+use fmu_description::Type;
 use fmu_file::archive::{self, Packed};
 
 use super::structure::identifier;
 use super::{document, structure};
 use crate::package::STRUCTURE_FILE;
-use crate::{Description, Inputs, LoadedComponent, Messages, Order, Plan};
+use crate::{Description, Inputs, Messages, Order, Plan};
 
 /// A package that is ready to be written.
 pub struct Package {
@@ -30,14 +30,6 @@ impl Package {
     pub fn new(system: &Path, description: &Description, folder: &Path) -> Result<Self> {
         let pack = || {
             let plan = Plan::new(description)?;
-            for LoadedComponent { fmu, .. } in &*plan.components {
-                ensure!(
-                    fmu.version == FmiVersion::Fmi2,
-                    "{} is of FMI {}, expected 2.0: SSP 1.0 has no arrays",
-                    fmu.file_name(),
-                    fmu.version.as_str()
-                );
-            }
             // The FMUs themselves check their start values.
             plan.simulate(&[], &Messages::default())?;
             let mut fmus = PackedFmus::default();
@@ -122,6 +114,8 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
             ));
         }
     }
+    // Elements of one array.
+    warnings.dedup();
     warnings
 }
 
