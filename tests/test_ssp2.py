@@ -126,6 +126,14 @@ def test_arrays_are_connected_and_set_like_their_elements(folder, tmp_path):
     same(simulate(structure(folder, {}), tmp_path, "--step", 0.25), expected)
 
 
+def test_an_array_of_an_outer_system_replaces_elements_of_an_inner_one(folder, tmp_path):
+    outer = '<ssv:Parameter name="inner.k">'
+    array = '<ssv:Float64 value="9 8 7"/><ssc:Dimension size="3"/>'
+    replacing = f'<ssv:Parameter name="a.c">{array}</ssv:Parameter>{outer}'
+    columns = simulate(structure(folder, {outer: replacing}), tmp_path, "--step", 0.25)
+    assert [columns[f"a.w[{i}]"][-1] for i in (1, 2, 3)] == [9.0, 8.0, 7.0]
+
+
 def test_every_type_of_fmi_3_is_read(folder, tmp_path):
     links = ["a.y -> b.x", "a.c -> b.b"]
     start = {"a": {"u": [7, 0, 255], "x": 0.1, "s": ["a b", ""]}, "b": {}}

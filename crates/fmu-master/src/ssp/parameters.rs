@@ -117,7 +117,12 @@ impl FlatSystem<'_> {
                     let start = &mut self.components[*index].start;
                     if value.is_array() {
                         // Elements that an inner binding has set.
-                        start.retain(|other, _| arrays::array_name(other).as_ref() != Some(&name));
+                        let begin = format!("{name}[");
+                        let elements = start.range(begin.clone()..).map(|(other, _)| other.clone());
+                        let elements = elements.take_while(|other| other.starts_with(&begin));
+                        for element in Vec::from_iter(elements) {
+                            start.remove(&element);
+                        }
                     }
                     start.insert(name, value);
                 }
