@@ -2,7 +2,7 @@
 //! which a host runs the system of FMUs in the resources.
 //!
 //! The functions are made of the rows of [`fmi_abi`]. An entry converts its arguments, checks the state, and calls the
-//! method of [`Instance`](instance::Instance) with the name of the row's operation; [`fmu_master::container`] has what the
+//! method of `Instance` with the name of the row's operation; [`fmu_master::container`] has what the
 //! methods do.
 #![allow(
     non_snake_case,

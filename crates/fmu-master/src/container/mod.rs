@@ -1,6 +1,6 @@
 //! A system as one FMU: a container, with the master inside, whose resources have the system file and its FMUs.
 //!
-//! [`Interface`] chooses the variables of the container from a [`Plan`](crate::Plan), when it is packed and again when it
+//! [`Interface`] chooses the variables of the container from a [`Plan`], when it is packed and again when it
 //! is instantiated, so that model description and binary cannot drift apart: the GUID is a hash of the interface.
 //! [`Contents`] has the files that are packed. A [`Container`] is an instance; the crate `fmu-container` exports it through
 //! the functions of FMI.

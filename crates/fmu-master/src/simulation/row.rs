@@ -8,7 +8,7 @@ use crate::store::{Store, number, places};
 use crate::table::{Cell, Column};
 
 /// A row of results: the values of the recorded variables at a communication point. Its columns are those
-/// of [`Plan::columns`].
+/// of [`Plan::columns`](crate::Plan::columns).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Row {
     /// The communication point (s).
@@ -27,7 +27,7 @@ impl Row {
         [reals.len(), others.len()] == counts(columns)
     }
 
-    /// The number at a place, which [`Plan::place`] finds, or a Boolean as 0 or 1; NaN for other values.
+    /// The number at a place, which [`Plan::place`](crate::Plan::place) finds, or a Boolean as 0 or 1; NaN for other values.
     #[inline]
     pub fn number(&self, place: Place) -> f64 {
         self.store.number(place)
@@ -39,7 +39,7 @@ impl Row {
         self.store.reals.first_chunk()
     }
 
-    /// The values of the columns of [`Plan::columns`].
+    /// The values of the columns of [`Plan::columns`](crate::Plan::columns).
     pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
         Self::places(columns).map(|place| self.store.value(place))
     }
