@@ -38,7 +38,7 @@ pub struct Description {
     /// Whether sequential stepping is allowed although outputs depend directly on each other.
     #[serde(default)]
     pub allow_algebraic_loops: bool,
-    /// What becomes of algebraic loops, in sequential order; by default, they are refused.
+    /// How algebraic loops are handled, in sequential order; by default, they are refused.
     pub algebraic_loops: Option<AlgebraicLoops>,
     /// The relative tolerance of loops that are iterated; 1e-6 by default.
     pub loop_tolerance: Option<f64>,
@@ -135,7 +135,7 @@ pub enum Order {
     Implicit,
 }
 
-/// What becomes of algebraic loops.
+/// How algebraic loops are handled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum AlgebraicLoops {
@@ -280,7 +280,7 @@ impl Description {
         Experiment { start: self.start, stop: self.stop, step: self.step }
     }
 
-    /// What becomes of algebraic loops.
+    /// How algebraic loops are handled.
     ///
     /// # Errors
     /// Two keys disagree.

@@ -1,7 +1,7 @@
 //! Groups of components that feed each other in a loop and are iterated, as a plan finds them.
 //!
 //! In a group, the inputs from components that are not listed before take guesses of their outputs. The group is iterated
-//! until these outputs equal the guesses, within a tolerance; how is told in [`iteration`](crate::simulation).
+//! until these outputs equal the guesses, within a tolerance; `simulation/iteration.rs` has the details.
 
 use anyhow::{Result, bail, ensure};
 use fmu_description::{Type, Value};

@@ -27,7 +27,7 @@ impl Observers {
         is_observed.then(|| Arc::new(observer()) as Arc<dyn CallObserver>)
     }
 
-    /// Writes what is left of the trace, and returns the profile.
+    /// Writes the rest of the trace, and returns the profile.
     ///
     /// # Errors
     /// The trace could not be written.

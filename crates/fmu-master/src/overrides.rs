@@ -58,7 +58,7 @@ pub struct Overrides {
     /// Order of stepping
     #[arg(long)]
     pub order: Option<Order>,
-    /// What becomes of algebraic loops [default: refuse]
+    /// How algebraic loops are handled [default: refuse]
     #[arg(long, value_name = "HOW")]
     pub algebraic_loops: Option<AlgebraicLoops>,
     /// Relative tolerance of loops that are iterated [default: 1e-6]

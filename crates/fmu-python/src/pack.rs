@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::error::{FmuError, error};
 
-/// Writes the container of a system, from its file or a text. Returns what is left out, and what hosts cannot do.
+/// Writes the container of a system, from its file or a text. Returns notes on what is missing and what hosts cannot do.
 #[pyfunction]
 pub fn pack(
     py: Python<'_>,

@@ -63,7 +63,7 @@ pub struct PackedSystem {
     pub size: u64,
     /// The platform folders that it has binaries in.
     pub platforms: Vec<&'static str>,
-    /// What is left out, and what hosts cannot do.
+    /// What is missing, and what hosts cannot do.
     pub notes: Vec<String>,
 }
 

@@ -20,7 +20,7 @@ pub struct Contents {
     pub model: ExportedModel,
     /// The files below `resources`, by their paths there.
     pub resources: Vec<(String, Vec<u8>)>,
-    /// What is left out, and what hosts cannot do.
+    /// What is missing, and what hosts cannot do.
     pub notes: Vec<String>,
     /// The names of the components, the file names of their FMUs, and the platform folders of these.
     pub components: Vec<(String, String, BTreeSet<String>)>,

@@ -131,7 +131,7 @@ impl Recorder {
         output.write();
     }
 
-    /// Writes what is left.
+    /// Writes the rest.
     ///
     /// # Errors
     /// Something could not be written, now or before.

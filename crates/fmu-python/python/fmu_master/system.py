@@ -205,7 +205,7 @@ class System:
     ) -> list[str]:
         """Write the system as one FMU, a container with the master inside, and return notes.
 
-        Notes say what is left out, and what hosts of the FMU cannot do. The master is built by
+        Notes say what is missing, and what hosts of the FMU cannot do. The master is built by
         cargo once, which needs a Rust toolchain, unless `binaries` has libraries of the crate
         `fmu-container` that were built elsewhere.
 
@@ -272,7 +272,7 @@ class System:
         order
             "sequential", "parallel" or "implicit".
         algebraic_loops
-            What becomes of algebraic loops: "refuse", "delay" or "iterate".
+            How algebraic loops are handled: "refuse", "delay" or "iterate".
         loop_tolerance, loop_iterations
             The relative tolerance of iterated loops, and the largest number of iterations.
         step_tolerance, min_step
