@@ -158,9 +158,9 @@ impl Instance {
         step: f64,
         outputs: &mut [f64],
     ) -> (usize, NotOk) {
-        let is_traced = self.handle.library.is_traced();
+        let is_observed = self.handle.observer.is_some();
         let how = (time, step, !self.is_saved);
-        let component = self.handle.component.as_mut().filter(|c| !is_traced && c.has_cycle());
+        let component = self.handle.component.as_mut().filter(|c| !is_observed && c.has_cycle());
         let Some((calls, status, stepped)) = component.and_then(|c| c.cycle(inputs, how, outputs))
         else {
             return (0, None);
