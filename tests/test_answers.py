@@ -91,7 +91,7 @@ def loop(**keys: object) -> System:
         ({"stop_time": 1.0}, "unknown field `stop_time`, .*did you mean `stop`"),
         ({"stop": "1"}, "^stop = '1', expected a number"),
         ({"stop": None}, "^missing field `stop`, expected the stop time in s"),
-        ({"order": "seq"}, '^order = \'seq\', expected "sequential" or "parallel"'),
+        ({"order": "seq"}, '^order = \'seq\', expected "sequential", "parallel" or "implicit"'),
         ({"seed": -1}, "^seed = -1, expected a whole number of at least 0"),
         ({"outputs": [1]}, r"^outputs = \[1\], expected names of variables"),
         ({"input": {"time": [0]}}, "^input = .* expected a file; `simulate` takes tables"),
