@@ -1,21 +1,28 @@
-"""What the abilities of the master cost: traces, rates, real time, saved runs, large systems.
+"""What the abilities of the master cost: traces, rates, real time, stiff equations, containers.
 
 `Abilities.measure` returns costs by name, as bench/measure.py does; times are in ns.
 """
 
+import csv
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+
+import fmpy
 
 from hosts import Costs, run
 from pendulum_fmus.project import FMUS, ROOT
 
 LOOP = ROOT / "examples" / "closed-loop" / "pid-rbf.toml"
-"""The loop that is run with and without an ability: three FMUs, which are called 7 times a step."""
+"""The loop that is run with and without an ability: three FMUs, which are called 8 times a step."""
+
+ROBERTSON = {"a": 0.7158270687193941, "b": 9.185534764557e-6, "c": 0.2841637457458413}
+"""The solution of Robertson's problem at 40 s (Hairer and Wanner, Solving ODEs II, IV.10)."""
 
 BUSY = [sys.executable, "-c", "while True: pass"]
 """A process that keeps a core busy."""
@@ -31,7 +38,10 @@ class Abilities:
     def measure(self) -> Costs:
         """Measure everything."""
         costs: Costs = {}
-        for part in (self.observation, self.rates, self.memory, self.jitter, self.saved):
+        parts = [self.observation, self.rates, self.memory, self.jitter]
+        if not self.quick:  # what these measure takes long to build
+            parts += [self.stiff, self.container]
+        for part in parts:
             costs |= part()
         return costs
 
@@ -87,6 +97,41 @@ class Abilities:
             costs[f"memory/{name}"] = [1024.0 * used.ru_maxrss]
         return costs
 
+    def stiff(self) -> Costs:
+        """Measure Robertson's problem by the implicit method, and by CVODE as FMPy has it."""
+        run([self.program, "export", "--package", "stiff", "--out", self.folder])
+        fmu, stop, tolerance = self.folder / "Robertson.fmu", 40.0, 1e-6
+        out = self.folder / "stiff.csv"
+        options = ["--interface", "model-exchange", "--solver", "implicit", "--csv", out]
+        options += ["--stop", stop, "--step", stop, "--tolerance", tolerance]
+        costs: Costs = {"stiff/ours": [], "stiff/CVODE": []}
+        for _ in range(self.rounds):
+            begin = time.perf_counter_ns()
+            run([self.program, "simulate", fmu, *options])
+            costs["stiff/ours"].append(time.perf_counter_ns() - begin)
+            begin = time.perf_counter_ns()
+            by_cvode = fmpy.simulate_fmu(
+                str(fmu),
+                fmi_type="ModelExchange",
+                stop_time=stop,
+                output_interval=stop / 200,  # with a longer one, its CVODE gives up
+                relative_tolerance=tolerance,
+            )
+            costs["stiff/CVODE"].append(time.perf_counter_ns() - begin)
+        with out.open(encoding="utf-8", newline="") as file:
+            *_, last = csv.DictReader(file)
+        ours = {name.split(" ")[0]: float(value) for name, value in last.items()}
+        costs["stiff/ours error"] = [error(ours)]
+        costs["stiff/CVODE error"] = [error({name: by_cvode[name][-1] for name in ROBERTSON})]
+        return costs
+
+    def container(self) -> Costs:
+        """Measure a step of the loop as one FMU."""
+        fmu = self.folder / "Loop.fmu"
+        run([self.program, "pack", LOOP, "--out", fmu])
+        steps = 200 if self.quick else 20_000
+        return {"container/FMU": [self.step(fmu, steps) for _ in range(self.rounds)]}
+
     def jitter(self) -> Costs:
         """Measure how late a run in real time wakes up, while the machine is quiet and busy."""
         steps = 100 if self.quick else 20_000
@@ -97,8 +142,8 @@ class Abilities:
                 text = self.simulate(LOOP, steps, "--real-time")
             late = re.search(numbers, text)
             assert late, text
-            for share, time in zip(("50", "99", "99.9", "max"), late.groups(), strict=True):
-                costs[f"jitter/{name}/{share}"] = [in_ns(time)]
+            for share, late_by in zip(("50", "99", "99.9", "max"), late.groups(), strict=True):
+                costs[f"jitter/{name}/{share}"] = [in_ns(late_by)]
         return costs
 
 
@@ -112,6 +157,11 @@ def busy(count: int) -> Iterator[None]:
         for process in processes:
             process.kill()
             process.wait()
+
+
+def error(found: Mapping[str, float]) -> float:
+    """Return the largest relative error of a solution of Robertson's problem."""
+    return max(abs(found[name] / value - 1) for name, value in ROBERTSON.items())
 
 
 def in_ns(text: str) -> float:

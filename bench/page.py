@@ -212,11 +212,7 @@ def worse(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
 
 def render(results: Mapping) -> str:
     """Return the page docs/speed.md."""
-    costs, loader = results["costs"], FileSystemLoader(Path(__file__).parent)
-    options = {"trim_blocks": True, "keep_trailing_newline": True}
-    environment = Environment(loader=loader, undefined=StrictUndefined, **options)
-    environment.filters |= {"code": code, "median": median, "ns": ns, "row": row}
-    environment.filters |= {"megabytes": megabytes, "of": of, "span": span}
+    costs = results["costs"]
     kinds = ratios(costs)
     context: dict[str, Any] = kinds | {
         "by": side_by_side(kinds["calls"], kinds["masters"]),
@@ -230,7 +226,22 @@ def render(results: Mapping) -> str:
             noise(costs, ["pair/own"], [""]),
         ],
     }
-    return environment.get_template("speed.md.j2").render(results | context)
+    return environment().get_template("speed.md.j2").render(results | context)
+
+
+def render_abilities(costs: Costs) -> str:
+    """Return the text on what the abilities of the master cost."""
+    return environment().get_template("abilities.md.j2").render(costs=costs)
+
+
+def environment() -> Environment:
+    """Return the environment of the templates."""
+    options = {"trim_blocks": True, "keep_trailing_newline": True}
+    loader = FileSystemLoader(Path(__file__).parent)
+    found = Environment(loader=loader, undefined=StrictUndefined, **options)
+    found.filters |= {"code": code, "median": median, "ns": ns, "row": row}
+    found.filters |= {"error": "{:.1e}".format, "megabytes": megabytes, "of": of, "span": span}
+    return found
 
 
 def side_by_side(*kinds: Ratios) -> list[list[Any]]:

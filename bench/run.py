@@ -1,8 +1,8 @@
 """Measure the speed of the FMUs and the native master, for docs/speed.md.
 
 `make bench` measures; `make bench PUBLISH=1` also updates the page. Every comparison is a ratio of
-measurements that alternate in one run on one machine. The results go to target/bench: results.json
-and speed.md.
+measurements that alternate in one run on one machine. The results go to target/bench: results.json,
+speed.md, and abilities.md with what the abilities of the master cost.
 """
 
 import argparse
@@ -12,9 +12,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import engines
+from abilities import Abilities
+from hosts import NATIVE
 from measure import Bench
-from page import EARLIER, earlier, last_before, published, render, worse
-from pendulum_fmus.project import ROOT
+from page import EARLIER, earlier, last_before, published, render, render_abilities, worse
+from pendulum_fmus.project import PROGRAM, ROOT
 
 PAGE = ROOT / "docs" / "speed.md"
 
@@ -41,11 +43,15 @@ def main() -> None:
     if not options.redraw:
         with TemporaryDirectory(dir=out) as folder:
             results = Bench(Path(folder), quick=options.quick).measure()
+            program = PROGRAM if options.quick else NATIVE
+            abilities = Abilities(program, Path(folder), quick=options.quick)
+            results["abilities"] = abilities.measure()
             results["wasm"] = engines.measure(Path(folder), quick=options.quick)
         file.write_text(json.dumps(results, indent=1), encoding="utf-8")
     results = json.loads(file.read_text(encoding="utf-8"))
     text, now = render(results), published(results)
     (out / "speed.md").write_text(text, encoding="utf-8")
+    (out / "abilities.md").write_text(render_abilities(results["abilities"]), encoding="utf-8")
     print(*(line for line in text.splitlines() if line.startswith("|")), sep="\n")
     for line in worse(now, last_before(now)):
         print(f"worse than published: {line}", file=sys.stderr)

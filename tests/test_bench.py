@@ -69,6 +69,9 @@ def test_the_page_has_what_was_measured(
     before, after = (path.read_text(encoding="utf-8") for path in (PAGE, Path(page)))
     assert PLACE.sub("", before) == PLACE.sub("", after)
     assert (tmp_path / "speed.md").read_text(encoding="utf-8") == after
+    abilities = dict(PLACE.findall((tmp_path / "abilities.md").read_text(encoding="utf-8")))
+    assert re.search(r"--trace.* \| [\d.]+ .s a step, \d+ bytes ", abilities["abilities"])
+    assert re.search(r"\| busy \|( [\d.]+ .s \|){4}\n", abilities["jitter"])
     texts = dict(PLACE.findall(after))
     assert "with `--quick`" in texts["machine"]
     for model in ("Pid", "PidRbf", "IpidRbf", "Pendulum"):
