@@ -133,6 +133,10 @@ def test_only_tables_are_standard_input_or_output(fmus, tmp_path):
     assert "one standard input" in run("compare", "-", "-", input="", cwd=tmp_path).stderr
     said = run("simulate", Path(PENDULUM).absolute(), "--plot=-", cwd=tmp_path).stderr
     assert "expected the name of an HTML page" in said
+    said = run(
+        "simulate", Path(PENDULUM).absolute(), "--stop=0.01", "--trace=-", cwd=tmp_path
+    ).stderr
+    assert "to which only rows in CSV are written" in said
     assert "it is the standard input" in run("info", "-", cwd=tmp_path).stderr
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
 
