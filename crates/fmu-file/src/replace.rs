@@ -62,10 +62,7 @@ impl Replacement {
     }
 
     fn create(path: &Path, target: &Path, builder: &mut Builder<'_, '_>) -> Result<Self> {
-        ensure!(
-            path != Path::new("-"),
-            "- is the standard output, to which only rows in CSV are written; expected a file, such as ./-"
-        );
+        check_is_file(path)?;
         let cannot = || format!("cannot write {}", path.display());
         let target = if is_device(target) {
             let file = File::options().write(true).open(target);
@@ -156,6 +153,18 @@ impl Write for Replacement {
     fn flush(&mut self) -> io::Result<()> {
         self.file().flush()
     }
+}
+
+/// Checks that a path to write to is not `-`.
+///
+/// # Errors
+/// It is, and stands for the standard output.
+pub fn check_is_file(path: &Path) -> Result<()> {
+    ensure!(
+        path != Path::new("-"),
+        "- is the standard output, to which only rows in CSV are written; expected a file, such as ./-"
+    );
+    Ok(())
 }
 
 /// The name of a folder on a command line, where `-` is no name but the standard output.

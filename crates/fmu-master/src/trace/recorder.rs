@@ -7,7 +7,8 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
+use fmu_file::replace::check_is_file;
 use fmu_host::{Direction, LogMessage, ObservedCall, Status};
 use serde_json::Value;
 
@@ -37,10 +38,7 @@ impl Recorder {
     /// # Errors
     /// The file cannot be written.
     pub(crate) fn create(path: &Path, components: &[Vec<(&str, Value)>]) -> Result<Self> {
-        ensure!(
-            path != Path::new("-"),
-            "- is the standard output, to which only rows in CSV are written; expected a file, such as ./-"
-        );
+        check_is_file(path)?;
         let cannot = || format!("cannot write {}", path.display());
         let file = File::create(path).with_context(cannot)?;
         let mut output = Output {
