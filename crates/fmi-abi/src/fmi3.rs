@@ -1,6 +1,6 @@
 //! FMI 3.0.2: the C types of `fmi3PlatformTypes.h` and `fmi3FunctionTypes.h` (section 2.2), and the functions
 //! with the states in which they are allowed: the states that all interface types share (section 2.3) and the states of
-//! model exchange (section 3.2) and co-simulation (section 4.2).
+//! model exchange (section 3.2), co-simulation (section 4.2) and scheduled execution (section 5.2).
 #![allow(
     non_camel_case_types,
     non_upper_case_globals,
@@ -50,6 +50,9 @@ pub const fmi3Dependent: fmi3DependencyKind = 5;
 
 /// `fmi3IntervalQualifier`, an integer because the other side may pass any value.
 pub type fmi3IntervalQualifier = c_int;
+pub const fmi3IntervalNotYetKnown: fmi3IntervalQualifier = 0;
+pub const fmi3IntervalUnchanged: fmi3IntervalQualifier = 1;
+pub const fmi3IntervalChanged: fmi3IntervalQualifier = 2;
 
 /// `fmi3LogMessageCallback` when it is not NULL. The status is an integer because the other side may
 /// pass any value.
@@ -116,7 +119,8 @@ macro_rules! fmi3_functions {
             fmi3EnterEventMode() => enter_event_mode in STEP_MODE | EVENT | CONTINUOUS_TIME;
             fmi3Terminate() => terminate in RUNNING | RECONFIGURATION;
             fmi3Reset() => reset in ALIVE;
-            fmi3EnterConfigurationMode() => enter_configuration_mode in INSTANTIATED | STEP_MODE | EVENT;
+            fmi3EnterConfigurationMode()
+                => enter_configuration_mode in INSTANTIATED | STEP_MODE | EVENT | CLOCK_ACTIVATION;
             fmi3ExitConfigurationMode() => exit_configuration_mode in CONFIGURATION | RECONFIGURATION;
 
             fmi3GetFloat32(references: [in u32; n], n: [len], values: [out f32; n_values], n_values: [len])
@@ -179,33 +183,6 @@ macro_rules! fmi3_functions {
                 references: [in u32; n], n: [len], sizes: [in usize; n_values],
                 values: [in fmi3Binary; n_values], n_values: [len]
             ) => set_binary in SETTABLE;
-            fmi3GetClock(references: [in u32; n], n: [len], values: [out fmi3Clock; n])
-                => get_clock in NOWHERE;
-            fmi3SetClock(references: [in u32; n], n: [len], values: [in fmi3Clock; n])
-                => set_clock in NOWHERE;
-            fmi3GetIntervalDecimal(
-                references: [in u32; n], n: [len], intervals: [out f64; n],
-                qualifiers: [out fmi3IntervalQualifier; n]
-            ) => get_interval_decimal in NOWHERE;
-            fmi3GetIntervalFraction(
-                references: [in u32; n], n: [len], counters: [out u64; n], resolutions: [out u64; n],
-                qualifiers: [out fmi3IntervalQualifier; n]
-            ) => get_interval_fraction in NOWHERE;
-            fmi3GetShiftDecimal(references: [in u32; n], n: [len], shifts: [out f64; n])
-                => get_shift_decimal in NOWHERE;
-            fmi3GetShiftFraction(
-                references: [in u32; n], n: [len], counters: [out u64; n], resolutions: [out u64; n]
-            ) => get_shift_fraction in NOWHERE;
-            fmi3SetIntervalDecimal(references: [in u32; n], n: [len], intervals: [in f64; n])
-                => set_interval_decimal in NOWHERE;
-            fmi3SetIntervalFraction(
-                references: [in u32; n], n: [len], counters: [in u64; n], resolutions: [in u64; n]
-            ) => set_interval_fraction in NOWHERE;
-            fmi3SetShiftDecimal(references: [in u32; n], n: [len], shifts: [in f64; n])
-                => set_shift_decimal in NOWHERE;
-            fmi3SetShiftFraction(
-                references: [in u32; n], n: [len], counters: [in u64; n], resolutions: [in u64; n]
-            ) => set_shift_fraction in NOWHERE;
 
             fmi3GetNumberOfVariableDependencies(reference: u32, n: [out usize])
                 => get_number_of_variable_dependencies in NOWHERE;
@@ -232,12 +209,42 @@ macro_rules! fmi3_functions {
                 n_knowns: [len], seed: [in f64; n_seed], n_seed: [len],
                 sensitivity: [out f64; n_sensitivity], n_sensitivity: [len]
             ) => get_adjoint_derivative in COMPUTED;
-            fmi3EvaluateDiscreteStates() => evaluate_discrete_states in NOWHERE;
             fmi3UpdateDiscreteStates(
                 needs_update: [out fmi3Boolean], terminate: [out fmi3Boolean],
                 nominals_changed: [out fmi3Boolean], states_changed: [out fmi3Boolean],
                 next_event_defined: [out fmi3Boolean], next_event: [out f64]
             ) => update_discrete_states in EVENT;
+        }
+
+        Clocks {
+            fmi3GetClock(references: [in u32; n], n: [len], values: [out fmi3Clock; n])
+                => get_clock in INITIALIZATION | EVENT | CLOCK_UPDATE;
+            fmi3SetClock(references: [in u32; n], n: [len], values: [in fmi3Clock; n])
+                => set_clock in EVENT;
+            fmi3GetIntervalDecimal(
+                references: [in u32; n], n: [len], intervals: [out f64; n],
+                qualifiers: [out fmi3IntervalQualifier; n]
+            ) => get_interval_decimal in CLOCK_TIMES | CLOCK_UPDATE;
+            fmi3GetIntervalFraction(
+                references: [in u32; n], n: [len], counters: [out u64; n], resolutions: [out u64; n],
+                qualifiers: [out fmi3IntervalQualifier; n]
+            ) => get_interval_fraction in CLOCK_TIMES | CLOCK_UPDATE;
+            fmi3GetShiftDecimal(references: [in u32; n], n: [len], shifts: [out f64; n])
+                => get_shift_decimal in INITIALIZATION;
+            fmi3GetShiftFraction(
+                references: [in u32; n], n: [len], counters: [out u64; n], resolutions: [out u64; n]
+            ) => get_shift_fraction in INITIALIZATION;
+            fmi3SetIntervalDecimal(references: [in u32; n], n: [len], intervals: [in f64; n])
+                => set_interval_decimal in CLOCK_TIMES;
+            fmi3SetIntervalFraction(
+                references: [in u32; n], n: [len], counters: [in u64; n], resolutions: [in u64; n]
+            ) => set_interval_fraction in CLOCK_TIMES;
+            fmi3SetShiftDecimal(references: [in u32; n], n: [len], shifts: [in f64; n])
+                => set_shift_decimal in INITIALIZATION;
+            fmi3SetShiftFraction(
+                references: [in u32; n], n: [len], counters: [in u64; n], resolutions: [in u64; n]
+            ) => set_shift_fraction in INITIALIZATION;
+            fmi3EvaluateDiscreteStates() => evaluate_discrete_states in EVENT;
         }
 
         ModelExchange {

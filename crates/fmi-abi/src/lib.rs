@@ -223,11 +223,13 @@ impl InterfaceType {
     }
 }
 
-/// A group of rows: the interface types that have its functions.
+/// A group of rows: the interface types that have its functions, or the models that do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names of the standard")]
 pub enum FunctionGroup {
     All,
+    /// Models with clocks.
+    Clocks,
     ModelExchange,
     CoSimulation,
     ScheduledExecution,
@@ -238,7 +240,7 @@ pub enum FunctionGroup {
 pub struct FmiFunction {
     /// Its name in C.
     pub name: &'static str,
-    /// The interface types that have it.
+    /// The interface types or models that have it.
     pub group: FunctionGroup,
     /// A set of states; see [`state`].
     pub states: u16,

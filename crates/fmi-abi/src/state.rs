@@ -33,11 +33,18 @@ pub enum State {
     EventReconfiguration = 1 << 11,
     /// FMI 3.0: the host is called back in a step.
     IntermediateUpdate = 1 << 12,
+    /// Scheduled execution: ready for the next activation of a model partition.
+    ClockActivation = 1 << 13,
+    /// Scheduled execution: the host is called back in a model partition, as clocks tick or have new intervals.
+    ClockUpdate = 1 << 14,
+    /// Scheduled execution: structural parameters may be set during a simulation, which continues in clock activation
+    /// mode.
+    ClockReconfiguration = 1 << 15,
 }
 
 impl State {
     /// All states with their names in messages, in the order of a simulation.
-    pub const ALL: [(Self, &'static str); 13] = [
+    pub const ALL: [(Self, &'static str); 16] = [
         (Self::Instantiated, "instantiated"),
         (Self::Configuration, "configuration mode"),
         (Self::Initialization, "initialization mode"),
@@ -46,8 +53,11 @@ impl State {
         (Self::StepMode, "step complete"),
         (Self::StepFailed, "step failed"),
         (Self::IntermediateUpdate, "intermediate update mode"),
+        (Self::ClockActivation, "clock activation mode"),
+        (Self::ClockUpdate, "clock update mode"),
         (Self::StepReconfiguration, "reconfiguration mode"),
         (Self::EventReconfiguration, "reconfiguration mode"),
+        (Self::ClockReconfiguration, "reconfiguration mode"),
         (Self::Terminated, "terminated"),
         (Self::Error, "error"),
         (Self::Fatal, "fatal"),
@@ -81,26 +91,30 @@ sets! {
     EVENT = State::Event;
     CONTINUOUS_TIME = State::ContinuousTime;
     CONFIGURATION = State::Configuration;
-    /// Both states of reconfiguration.
-    RECONFIGURATION = State::StepReconfiguration, State::EventReconfiguration;
+    /// All states of reconfiguration.
+    RECONFIGURATION = State::StepReconfiguration, State::EventReconfiguration, State::ClockReconfiguration;
     INTERMEDIATE_UPDATE = State::IntermediateUpdate;
+    CLOCK_ACTIVATION = State::ClockActivation;
+    CLOCK_UPDATE = State::ClockUpdate;
     TERMINATED = State::Terminated;
     /// A simulation is terminated or has failed.
     ENDED = State::Terminated, State::Error;
     /// Between initialization and termination, but for callbacks.
-    RUNNING = STEP_MODE, STEP_FAILED, EVENT, CONTINUOUS_TIME;
+    RUNNING = STEP_MODE, STEP_FAILED, EVENT, CONTINUOUS_TIME, CLOCK_ACTIVATION;
     /// Where outputs are computed.
     COMPUTED = INITIALIZATION, RUNNING, ENDED;
     /// Every state but a fatal error, outside of callbacks; `INSTANTIATED | COMPUTED` in FMI 2.0.
     ALIVE = INSTANTIATED, CONFIGURATION, RECONFIGURATION, COMPUTED;
     /// Where a host gets values of FMI 3.0.
-    READABLE = ALIVE, INTERMEDIATE_UPDATE;
+    READABLE = ALIVE, INTERMEDIATE_UPDATE, CLOCK_UPDATE;
     /// Where a host sets values; in continuous-time mode, it sets discrete inputs only to their present values.
-    SETTABLE = INSTANTIATED, INITIALIZATION, STEP_MODE, EVENT, CONTINUOUS_TIME;
+    SETTABLE = INSTANTIATED, INITIALIZATION, STEP_MODE, EVENT, CONTINUOUS_TIME, CLOCK_ACTIVATION;
     /// Where a host sets values of continuous inputs.
     CONTINUOUS = SETTABLE, INTERMEDIATE_UPDATE;
     /// Where a host sets structural parameters and other values of their type.
     STRUCTURAL = SETTABLE, CONFIGURATION, RECONFIGURATION;
+    /// Where the host asks for the intervals of clocks.
+    CLOCK_TIMES = INITIALIZATION, EVENT, CLOCK_ACTIVATION;
     /// Where the equations of model exchange hold.
     EQUATIONS = INITIALIZATION, EVENT, CONTINUOUS_TIME, ENDED;
     /// Where a host gets the results of a step.

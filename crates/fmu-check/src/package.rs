@@ -172,7 +172,7 @@ impl<'a> Files<'a> {
             let instantiates = function.name.strip_prefix("fmi3Instantiate");
             match (instantiates, function.group) {
                 (Some(interface), _) => is_of(interface),
-                (None, FunctionGroup::All) => true,
+                (None, FunctionGroup::All | FunctionGroup::Clocks) => true,
                 (None, group) => is_of(&format!("{group:?}")),
             }
         });

@@ -341,6 +341,7 @@ impl Instance {
         let (next, needed) = match self.shared.lifecycle.state {
             State::Instantiated => (State::Configuration, Variability::Fixed),
             State::Event => (State::EventReconfiguration, Variability::Tunable),
+            State::ClockActivation => (State::ClockReconfiguration, Variability::Tunable),
             _ => (State::StepReconfiguration, Variability::Tunable),
         };
         let info = self.model.info();
@@ -362,6 +363,7 @@ impl Instance {
         let next = match self.shared.lifecycle.state {
             State::StepReconfiguration => State::StepMode,
             State::EventReconfiguration => State::Event,
+            State::ClockReconfiguration => State::ClockActivation,
             _ => State::Instantiated,
         };
         if next != State::Instantiated {

@@ -57,6 +57,7 @@ impl InstanceType {
             | State::IntermediateUpdate => !self.is_model_exchange(),
             State::Event | State::EventReconfiguration => !matches!(self, Self::CoSimulation),
             State::ContinuousTime => self.is_model_exchange(),
+            State::ClockActivation | State::ClockUpdate | State::ClockReconfiguration => false,
             _ => true,
         }
     }

@@ -96,14 +96,19 @@ macro_rules! primitive_types {
 }
 primitive_types!(bool, f64, u128, Option<f64>);
 
-/// The names of all states, with their numbers, by which they are saved.
+/// The names of the states with their numbers, by which they are saved. Those of scheduled execution, which came later,
+/// changed nothing in saved states.
 impl Saved for State {
     const LAYOUT: u128 = {
-        let (mut fields, mut i) = ([("", "", 0); Self::ALL.len()], 0);
-        while i < fields.len() {
-            let (state, name) = Self::ALL[i];
-            fields[i] = (name, "", state as u128);
-            i += 1;
+        const NEW: usize = 3;
+        let (mut fields, mut i) = ([("", "", 0); Self::ALL.len() - NEW], 0);
+        let mut all = Self::ALL.as_slice();
+        while let [(state, name), rest @ ..] = all {
+            if (*state as u16) < Self::ClockActivation as u16 {
+                fields[i] = (*name, "", *state as u128);
+                i += 1;
+            }
+            all = rest;
         }
         state_layout(&fields)
     };

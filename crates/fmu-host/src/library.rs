@@ -171,7 +171,10 @@ impl Library {
         };
         let functions = self.version.functions().iter().map(|(call, _)| call);
         functions
-            .filter(|call| call.group == FunctionGroup::All || call.group == own)
+            .filter(|call| {
+                matches!(call.group, FunctionGroup::All | FunctionGroup::Clocks)
+                    || call.group == own
+            })
             .map(|call| call.name)
             // SAFETY: the symbol is looked up but not used.
             .filter(|name| unsafe { self.binary.get::<*const c_void>(name) }.is_none())

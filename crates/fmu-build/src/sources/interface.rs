@@ -116,6 +116,7 @@ impl Interface<'_> {
             if group.replace(signature.function.group) != Some(signature.function.group) {
                 let what = match signature.function.group {
                     FunctionGroup::All => "all types of FMUs",
+                    FunctionGroup::Clocks => "clocks",
                     FunctionGroup::ModelExchange => "model exchange",
                     FunctionGroup::CoSimulation => "co-simulation",
                     FunctionGroup::ScheduledExecution => "scheduled execution",
@@ -190,7 +191,8 @@ impl Function {
 
     /// Whether the models have no such ability.
     fn is_unsupported(&self) -> bool {
-        self.signature.function.states == 0
+        let function = &self.signature.function;
+        function.states == 0 || function.group == FunctionGroup::Clocks
     }
 
     /// The declaration of an argument.

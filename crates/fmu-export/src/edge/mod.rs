@@ -82,6 +82,9 @@ macro_rules! entry {
     ($i:ident $s:ident $group:ident fmi3SetFloat64 $($row:tt)*) => {};
     ($i:ident $s:ident $group:ident fmi3DoStep $($row:tt)*) => {};
     // Declared as unsupported by the model description. Importers bind them anyway.
+    ($i:ident $s:ident Clocks $name:ident $arguments:tt $operation:ident $($states:ident)|+) => {
+        entry!($i $s All $name $arguments $operation NOWHERE);
+    };
     ($i:ident $s:ident $group:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident NOWHERE) => {
         exported! { $group
             #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]

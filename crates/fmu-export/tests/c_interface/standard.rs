@@ -6,7 +6,7 @@ use fmu_export::abi::state::State;
 use crate::driver::*;
 
 /// The letters that stand for the states below, in the order of [`State::ALL`].
-const LETTERS: &str = "IGNECSFURVTX!";
+const LETTERS: &str = "IGNECSFUAKRVWTX!";
 
 /// The states with their letters and names.
 fn named() -> impl Iterator<Item = (char, &'static str)> {

@@ -87,6 +87,7 @@ macro_rules! method {
     // Below, as they have texts, bytes, or other arguments than in C.
     ($name:ident $arguments:tt $operation:ident NOWHERE) => {};
     ($name:ident(state: fmi3FMUState) $($rest:tt)*) => {};
+    (fmi3EvaluateDiscreteStates $($rest:tt)*) => {};
     (fmi3GetString $($rest:tt)*) => {};
     (fmi3SetString $($rest:tt)*) => {};
 
