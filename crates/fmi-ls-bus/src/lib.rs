@@ -19,19 +19,26 @@
 //! # Ok::<(), fmi_ls_bus::WriteError>(())
 //! ```
 //!
-//! The layout is that of version 1 of the standard: each operation begins with its code and its length, 4 bytes each,
-//! and all numbers are little endian. Nothing is allocated but in the buffer of the caller, and no bytes cause a panic.
+//! [`Bus`] is the bus between them: arbitration, baud rates, the bits of frames, losses.
+//!
+//! The layout of operations is that of version 1 of the standard: each operation begins with its code and its length, 4 bytes each,
+//! and all numbers are little endian. To read and to write operations
+//! allocates nothing but in the buffer of the caller, and no bytes cause a panic.
 #![no_std]
 #![forbid(unsafe_code)]
 
 extern crate alloc;
 
+mod bus;
 mod operation;
 mod read;
+mod timing;
 mod write;
 
+pub use bus::*;
 pub use operation::*;
 pub use read::*;
+pub use timing::*;
 pub use write::*;
 
 /// MIME type of the Binary variables of CAN, CAN FD and CAN XL.

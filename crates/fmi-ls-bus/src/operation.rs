@@ -5,6 +5,7 @@ use core::fmt;
 
 /// Identifier of a frame; of two frames that begin at once, the lower one is transmitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Id {
     /// 11 bits.
     Standard(u16),
@@ -40,6 +41,7 @@ pub struct Frame<'a> {
 
 /// Format of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Format {
     /// Data frame of classical CAN.
     Can,
@@ -118,6 +120,7 @@ macro_rules! numbered {
     }) => {
         $(#[$of_enum])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
         #[repr(u8)]
         pub enum $name {
             $($(#[$of_item])* $item = $number,)*

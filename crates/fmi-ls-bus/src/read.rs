@@ -21,6 +21,13 @@ pub struct Operations<'a> {
     offset: usize,
 }
 
+impl Operations<'_> {
+    /// Where the next operation begins in the buffer (bytes).
+    pub const fn offset(&self) -> usize {
+        self.offset
+    }
+}
+
 impl<'a> Iterator for Operations<'a> {
     type Item = Result<Operation<'a>, ReadError<'a>>;
 
