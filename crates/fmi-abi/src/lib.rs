@@ -188,8 +188,7 @@ impl FmiVersion {
     }
 }
 
-/// An interface type: how a host simulates an FMU. Scheduled execution, the third type of the standard, is not
-/// implemented.
+/// An interface type: how a host simulates an FMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -202,6 +201,8 @@ pub enum InterfaceType {
     CoSimulation = 1,
     /// The host integrates the equations of the FMU.
     ModelExchange = 0,
+    /// The host activates the model partitions of the FMU. FMI 2.0 does not have it.
+    ScheduledExecution = 2,
 }
 
 impl InterfaceType {
@@ -210,16 +211,34 @@ impl InterfaceType {
         match self {
             Self::ModelExchange => "model exchange",
             Self::CoSimulation => "co-simulation",
+            Self::ScheduledExecution => "scheduled execution",
         }
     }
 
-    /// The type with this name among options: its name in the standard, as one word.
-    pub fn named(name: &str) -> Option<Self> {
-        match name {
-            "co-simulation" => Some(Self::CoSimulation),
-            "model-exchange" => Some(Self::ModelExchange),
-            _ => None,
+    /// Its name among options: its name in the standard, as one word.
+    pub const fn option_name(self) -> &'static str {
+        match self {
+            Self::ModelExchange => "model-exchange",
+            Self::CoSimulation => "co-simulation",
+            Self::ScheduledExecution => "scheduled-execution",
         }
+    }
+
+    /// The function of a version that instantiates FMUs of this type.
+    pub const fn instantiation(self, version: FmiVersion) -> &'static str {
+        match (version, self) {
+            (FmiVersion::Fmi2, _) => "fmi2Instantiate",
+            (FmiVersion::Fmi3, Self::ModelExchange) => "fmi3InstantiateModelExchange",
+            (FmiVersion::Fmi3, Self::CoSimulation) => "fmi3InstantiateCoSimulation",
+            (FmiVersion::Fmi3, Self::ScheduledExecution) => "fmi3InstantiateScheduledExecution",
+        }
+    }
+
+    /// The type with this [name among options](Self::option_name).
+    pub fn named(name: &str) -> Option<Self> {
+        let mut all =
+            [Self::CoSimulation, Self::ModelExchange, Self::ScheduledExecution].into_iter();
+        all.find(|interface_type| interface_type.option_name() == name)
     }
 }
 

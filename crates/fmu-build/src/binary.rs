@@ -122,6 +122,7 @@ fn has_functions(binary: &[u8], version: FmiVersion, interface_type: InterfaceTy
         (FmiVersion::Fmi2, InterfaceType::ModelExchange) => b"fmi2SetTime",
         (FmiVersion::Fmi3, InterfaceType::CoSimulation) => b"fmi3EnterStepMode",
         (FmiVersion::Fmi3, InterfaceType::ModelExchange) => b"fmi3SetTime",
+        (_, InterfaceType::ScheduledExecution) => b"fmi3ActivateModelPartition",
     };
     binary.windows(name.len()).any(|bytes| bytes == name)
 }

@@ -280,11 +280,7 @@ impl ModelLibrary {
 
     /// The feature for a library with instances of one interface type only.
     pub fn feature_of_interface(&self, interface_type: InterfaceType) -> String {
-        let feature = match interface_type {
-            InterfaceType::CoSimulation => "co-simulation",
-            InterfaceType::ModelExchange => "model-exchange",
-        };
-        format!("{}/{feature}", self.dependency)
+        format!("{}/{}", self.dependency, interface_type.option_name())
     }
 
     /// Whether a source file mentions one of the names as a word: a library that does is likely to have

@@ -15,9 +15,12 @@ use crate::functions::{Fmi2, Fmi3, Handle};
 #[cfg(feature = "sandbox")]
 use crate::library::Binary;
 use crate::library::Library;
-use crate::logger::{LogMessage, Registered, intermediate_update, log_3, logger, text};
+use crate::logger::{
+    LogMessage, Registered, clock_update, intermediate_update, log_3, logger, text,
+};
 use crate::observed::{Argument, CallObserver, Direction, ObservedCall, ToElement, Values};
 use crate::outcome::{Cause, Failure, Result, Success};
+use crate::preemption::{lock_preemption, unlock_preemption};
 use crate::quick::Quick;
 use crate::types::{CompletedStep, DiscreteStatesUpdate, FmuState, Instantiation, Treatment};
 
@@ -36,8 +39,7 @@ macro_rules! call {
 }
 
 impl Library {
-    /// `fmi2Instantiate`, `fmi3InstantiateModelExchange` or `fmi3InstantiateCoSimulation`; `None` if it
-    /// returns NULL. `sink` receives the log messages of the instance, possibly on a thread that the FMU
+    /// `fmi2Instantiate`, or the function of FMI 3.0 for the interface type; `None` if it returns NULL. `sink` receives the log messages of the instance, possibly on a thread that the FMU
     /// has started.
     ///
     /// # Errors
@@ -47,11 +49,11 @@ impl Library {
         arguments: &Instantiation<'_>,
         sink: impl Fn(LogMessage) + Send + Sync + 'static,
     ) -> Result<Option<Instance>> {
-        let function = match (self.version, arguments.interface_type) {
-            (FmiVersion::Fmi2, _) => "fmi2Instantiate",
-            (FmiVersion::Fmi3, InterfaceType::ModelExchange) => "fmi3InstantiateModelExchange",
-            (FmiVersion::Fmi3, InterfaceType::CoSimulation) => "fmi3InstantiateCoSimulation",
-        };
+        let function = arguments.interface_type.instantiation(self.version);
+        let is_scheduled = arguments.interface_type == InterfaceType::ScheduledExecution;
+        if is_scheduled && self.version == FmiVersion::Fmi2 {
+            return Err(Failure::new(function, Cause::NotScheduled));
+        }
         let given = [arguments.name, arguments.guid, arguments.resources];
         let terminated = |text| CString::new(text).map(CString::into_bytes_with_nul);
         let strings: std::result::Result<Vec<_>, _> = given.into_iter().map(terminated).collect();
@@ -136,6 +138,24 @@ impl Library {
                     end(begun, !pointer.is_null());
                     pointer
                 }
+                (FmiVersion::Fmi3, InterfaceType::ScheduledExecution) => {
+                    let instantiate = fmi3.fmi3InstantiateScheduledExecution.ok_or_else(missing)?;
+                    let begun = begin();
+                    let pointer = instantiate(
+                        name,
+                        guid,
+                        resources,
+                        0,
+                        on.into(),
+                        environment,
+                        log,
+                        Some(clock_update),
+                        Some(lock_preemption),
+                        Some(unlock_preemption),
+                    );
+                    end(begun, !pointer.is_null());
+                    pointer
+                }
             }
         };
         if arguments.treatment == Treatment::ShortLivedStrings {
@@ -174,7 +194,10 @@ impl Instantiation<'_> {
         };
         let arguments = match (version, self.interface_type) {
             (FmiVersion::Fmi2, _) => vec![name, kind, token("guid"), resources, visible, on],
-            (FmiVersion::Fmi3, InterfaceType::ModelExchange) => {
+            (
+                FmiVersion::Fmi3,
+                InterfaceType::ModelExchange | InterfaceType::ScheduledExecution,
+            ) => {
                 vec![name, token("token"), resources, visible, on]
             }
             (FmiVersion::Fmi3, InterfaceType::CoSimulation) => {
@@ -200,7 +223,7 @@ pub struct Instance {
     pub(crate) quick: Quick,
     /// The strings of the instantiation, to which some FMUs keep pointers although they must not.
     strings: Vec<Vec<u8>>,
-    _registered: Registered,
+    pub(crate) registered: Registered,
 }
 
 // SAFETY: FMI allows any thread to call the functions of an instance, but not concurrently, which
@@ -309,6 +332,21 @@ methods! {
     Fmi3 enter_configuration_mode();
     Fmi3 exit_configuration_mode();
     Fmi3 evaluate_discrete_states();
+    Fmi3 get_clock(clocks: &[u32], values: &mut [fmi3Clock]);
+    Fmi3 set_clock(clocks: &[u32], values: &[fmi3Clock]);
+    Fmi3 get_interval_decimal(
+        clocks: &[u32], intervals: &mut [f64], qualifiers: &mut [fmi3IntervalQualifier]
+    );
+    Fmi3 get_interval_fraction(
+        clocks: &[u32], counters: &mut [u64], resolutions: &mut [u64],
+        qualifiers: &mut [fmi3IntervalQualifier]
+    );
+    Fmi3 get_shift_decimal(clocks: &[u32], shifts: &mut [f64]);
+    Fmi3 get_shift_fraction(clocks: &[u32], counters: &mut [u64], resolutions: &mut [u64]);
+    Fmi3 set_interval_decimal(clocks: &[u32], intervals: &[f64]);
+    Fmi3 set_interval_fraction(clocks: &[u32], counters: &[u64], resolutions: &[u64]);
+    Fmi3 set_shift_decimal(clocks: &[u32], shifts: &[f64]);
+    Fmi3 set_shift_fraction(clocks: &[u32], counters: &[u64], resolutions: &[u64]);
     both terminate();
     both reset();
     both set_time(time: f64);
@@ -364,7 +402,7 @@ impl Instance {
             is_saved: false,
             quick: Quick::NOTHING,
             strings: Default::default(),
-            _registered: registered,
+            registered,
         }
     }
 

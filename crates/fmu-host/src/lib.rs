@@ -11,6 +11,7 @@
 //! separate process, as `cargo fmu validate` does.
 
 mod access;
+mod clocks;
 mod crash;
 pub mod environment;
 mod fork;
@@ -21,6 +22,7 @@ mod library;
 mod logger;
 mod observed;
 mod outcome;
+mod preemption;
 mod quick;
 pub mod real_time;
 mod repeat;
@@ -32,6 +34,7 @@ mod step;
 mod types;
 
 pub use access::operation;
+pub use clocks::{ClockUpdateMode, IntervalFraction, IntervalQualifier};
 pub use crash::tell_crashes;
 pub use fmi_abi::{FmiVersion, InterfaceType, fmi2, fmi3};
 pub use fork::{ProcessOwned, this_process};

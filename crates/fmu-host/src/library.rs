@@ -168,6 +168,7 @@ impl Library {
         let own = match interface_type {
             InterfaceType::ModelExchange => FunctionGroup::ModelExchange,
             InterfaceType::CoSimulation => FunctionGroup::CoSimulation,
+            InterfaceType::ScheduledExecution => FunctionGroup::ScheduledExecution,
         };
         let functions = self.version.functions().iter().map(|(call, _)| call);
         functions

@@ -33,7 +33,7 @@ pub struct LogMessage {
 /// Receives the log messages of an instance, possibly on a thread that the FMU has started.
 type Sink = dyn Fn(LogMessage) + Send + Sync;
 
-/// Is called for each intermediate update.
+/// Is called for each intermediate update, or each update of clocks.
 pub type OnIntermediate = Arc<dyn Fn() + Send + Sync>;
 
 /// The callbacks of an instance.
@@ -41,6 +41,7 @@ pub type OnIntermediate = Arc<dyn Fn() + Send + Sync>;
 struct Callbacks {
     sink: Arc<Sink>,
     intermediate: Option<OnIntermediate>,
+    clock_update: Option<OnIntermediate>,
 }
 
 /// The callbacks of all instances. The component environment of an FMU is a key, not a pointer, so that an
@@ -66,8 +67,15 @@ impl Registered {
     pub(crate) fn new(sink: Arc<Sink>, intermediate: Option<OnIntermediate>) -> Self {
         static NEXT: AtomicUsize = AtomicUsize::new(1);
         let key = NEXT.fetch_add(1, Ordering::Relaxed);
-        callbacks().insert(key, Callbacks { sink, intermediate });
+        callbacks().insert(key, Callbacks { sink, intermediate, clock_update: None });
         Self(key)
+    }
+
+    /// Registers the receiver of updates of clocks.
+    pub(crate) fn on_clock_update(&self, receive: OnIntermediate) {
+        if let Some(callbacks) = callbacks().get_mut(&self.0) {
+            callbacks.clock_update = Some(receive);
+        }
     }
 
     /// The component environment that the FMU passes to the logger.
@@ -174,9 +182,18 @@ pub(crate) unsafe extern "C" fn intermediate_update(
     }
 }
 
-/// Passes an update to its receiver; does not unwind.
+/// Passes an intermediate update to its receiver; does not unwind.
 pub(crate) fn pass_update(environment: *mut c_void) {
-    if let Some(callback) = registered(environment).and_then(|callbacks| callbacks.intermediate) {
+    call_back(registered(environment).and_then(|callbacks| callbacks.intermediate));
+}
+
+/// `fmi3ClockUpdateCallback`: passes an update of clocks to its receiver; does not unwind.
+pub(crate) unsafe extern "C" fn clock_update(environment: fmi3InstanceEnvironment) {
+    call_back(registered(environment).and_then(|callbacks| callbacks.clock_update));
+}
+
+fn call_back(receiver: Option<OnIntermediate>) {
+    if let Some(callback) = receiver {
         // C code must not be unwound.
         let _ = catch_unwind(AssertUnwindSafe(move || callback()));
     }

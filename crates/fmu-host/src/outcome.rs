@@ -94,6 +94,8 @@ pub enum Cause {
     TooLarge(usize),
     /// The instance is one of another version of FMI, which does not have the function.
     OtherVersion,
+    /// The version of FMI of the library has no scheduled execution.
+    NotScheduled,
     /// The host does not call the function.
     Unsupported,
     /// The step asked to end the simulation, at this time (s).
@@ -135,6 +137,9 @@ impl fmt::Display for Cause {
             Self::ZeroByte => f.write_str("cannot take a string that contains a zero byte"),
             Self::OtherVersion => {
                 f.write_str("does not exist in the version of FMI of the instance")
+            }
+            Self::NotScheduled => {
+                f.write_str("cannot be called for scheduled execution, which FMI 2.0 does not have")
             }
             Self::Unsupported => f.write_str("is not supported"),
             Self::Terminated(_) => f.write_str("asked to end the simulation"),

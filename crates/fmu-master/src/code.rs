@@ -98,11 +98,7 @@ impl UnpackedBinary {
             observer.iter().for_each(|observer| observer.log(&logged));
             log.log(&instance, &logged);
         };
-        let function = match (self.version, self.interface_type) {
-            (FmiVersion::Fmi2, _) => "fmi2Instantiate",
-            (FmiVersion::Fmi3, InterfaceType::CoSimulation) => "fmi3InstantiateCoSimulation",
-            (FmiVersion::Fmi3, InterfaceType::ModelExchange) => "fmi3InstantiateModelExchange",
-        };
+        let function = self.interface_type.instantiation(self.version);
         calls.begin(fmu_worker::Function::named(function));
         let instance = library.instantiate(&arguments, sink)?;
         let mut instance = instance.with_context(|| {

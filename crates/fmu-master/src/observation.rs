@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use clap::Args;
-use fmu_host::InterfaceType;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -57,10 +56,7 @@ fn of_component(component: &LoadedComponent) -> Vec<(&'static str, Value)> {
     let name = ("component", Value::from(name.as_str()));
     let Some(binary) = fmu.binary() else { return vec![name, variables] };
     let file = std::path::absolute(&fmu.path).unwrap_or_else(|_| fmu.path.clone());
-    let interface = match fmu.interface_type {
-        InterfaceType::CoSimulation => "co-simulation",
-        InterfaceType::ModelExchange => "model-exchange",
-    };
+    let interface = fmu.interface_type.option_name();
     vec![
         name,
         ("fmu", file.to_string_lossy().into()),

@@ -91,11 +91,15 @@ impl Interface<'_> {
 
     /// The functions in the file.
     fn signatures(&self) -> impl Iterator<Item = &'static Signature> {
-        let left_out = self.interface_type.map(|only| match only {
-            InterfaceType::CoSimulation => FunctionGroup::ModelExchange,
-            InterfaceType::ModelExchange => FunctionGroup::CoSimulation,
-        });
-        self.version.signatures().iter().filter(move |s| Some(s.function.group) != left_out)
+        let left_out: &[_] = match self.interface_type {
+            Some(InterfaceType::CoSimulation) => &[FunctionGroup::ModelExchange],
+            Some(InterfaceType::ModelExchange) => &[FunctionGroup::CoSimulation],
+            Some(InterfaceType::ScheduledExecution) => {
+                &[FunctionGroup::ModelExchange, FunctionGroup::CoSimulation]
+            }
+            None => &[],
+        };
+        self.version.signatures().iter().filter(|s| !left_out.contains(&s.function.group))
     }
 
     /// The macros that give functions their names with the prefix.

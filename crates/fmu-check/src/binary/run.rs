@@ -226,7 +226,7 @@ impl<'a> Run<'a> {
     pub fn states(&self) -> usize {
         match self.subject.interface_type {
             InterfaceType::ModelExchange => self.subject.states,
-            InterfaceType::CoSimulation => 0,
+            _ => 0,
         }
     }
 
@@ -328,7 +328,8 @@ impl<'a> Run<'a> {
         let (begin, step) = (self.time(), self.subject.step);
         self.subject.report.at(begin);
         match self.subject.interface_type {
-            InterfaceType::CoSimulation => {
+            InterfaceType::ModelExchange => self.integrate(begin, step)?,
+            _ => {
                 // With event mode, discrete inputs are set at events only.
                 let event_mode = self.setup.event_mode;
                 self.set_inputs(|input| !event_mode || input.is_continuous())?;
@@ -338,7 +339,6 @@ impl<'a> Run<'a> {
                     passed += fraction;
                 }
             }
-            InterfaceType::ModelExchange => self.integrate(begin, step)?,
         }
         self.position.point += 1;
         Ok(())

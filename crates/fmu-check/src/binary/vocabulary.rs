@@ -11,10 +11,7 @@ pub const ONLY_ONCE: &str = "canBeInstantiatedOnlyOncePerProcess";
 /// The names of FMI 2.0 in a text, as they are in a version of FMI for a kind of instance. What is in quotes is the
 /// FMU's.
 pub fn in_version(text: &str, version: FmiVersion, interface_type: InterfaceType) -> String {
-    let instantiate = match interface_type {
-        InterfaceType::ModelExchange => "fmi3InstantiateModelExchange",
-        InterfaceType::CoSimulation => "fmi3InstantiateCoSimulation",
-    };
+    let instantiate = interface_type.instantiation(FmiVersion::Fmi3);
     let names: [[&str; 2]; 14] = [
         ["fmi2Instantiate", instantiate],
         ["fmi2GetRealOutputDerivatives", "fmi3GetOutputDerivatives"],

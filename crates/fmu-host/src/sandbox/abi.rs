@@ -79,7 +79,7 @@ impl<'a> Argument<'a> {
     }
 
     /// A list of pairs of numbers.
-    pub(super) fn pairs(values: &'a [u32]) -> Self {
+    pub(super) fn pairs<T: Number>(values: &'a [T]) -> Self {
         match Self::list(values) {
             Self::List(bytes, n, alignment) => Self::List(bytes, n / 2, alignment),
             other => other,

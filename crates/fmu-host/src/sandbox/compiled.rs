@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Once, OnceLock};
 use std::time::Duration;
 
-use fmi_abi::InterfaceType;
+use fmi_abi::{FmiVersion, InterfaceType};
 use wasmtime::{Config, Engine, Module, Store};
 
 use super::abi::{self, Argument, CallError};
@@ -74,10 +74,10 @@ impl CompiledComponent {
         arguments: &Instantiation<'_>,
         callbacks: *mut c_void,
     ) -> Result<Option<Box<ComponentInstance>>> {
-        let function = match arguments.interface_type {
-            InterfaceType::ModelExchange => "fmi3InstantiateModelExchange",
-            InterfaceType::CoSimulation => "fmi3InstantiateCoSimulation",
-        };
+        let function = arguments.interface_type.instantiation(FmiVersion::Fmi3);
+        if arguments.interface_type == InterfaceType::ScheduledExecution {
+            return Err(Failure::new(function, Cause::Missing));
+        }
         let data = HostState::new(
             callbacks,
             arguments.treatment != Treatment::NoLogger,
@@ -109,7 +109,7 @@ impl CompiledComponent {
         store: &mut Store<HostState>,
         arguments: &Instantiation<'_>,
     ) -> std::result::Result<Option<Created>, CallError> {
-        let kind = interface_name(arguments.interface_type);
+        let kind = arguments.interface_type.option_name();
         let linked = Linked::new(&self.parts, store)?;
         let interface = format!("{PACKAGE}/{kind}@3.0.0");
         let create = format!("[static]{kind}-instance.instantiate-{kind}");
@@ -168,14 +168,6 @@ impl CompiledComponent {
 
 fn mistyped() -> wasmtime::Error {
     wasmtime::Error::msg("a function is missing, or is not of its type")
-}
-
-/// The name of an interface of the draft.
-fn interface_name(interface_type: InterfaceType) -> &'static str {
-    match interface_type {
-        InterfaceType::ModelExchange => "model-exchange",
-        InterfaceType::CoSimulation => "co-simulation",
-    }
 }
 
 /// Compiles a module. The compiled code is kept in a file that is named by the hash of the module.

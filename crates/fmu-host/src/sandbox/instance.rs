@@ -1,8 +1,8 @@
 //! Instances of components, with a method for each operation of FMI 3.0.
 
 use std::ffi::{CStr, CString};
-use std::ptr;
 use std::time::Duration;
+use std::{ptr, slice};
 
 use fmi_abi::fmi3::*;
 use fmi_abi::fmi3_functions;
@@ -181,6 +181,15 @@ macro_rules! methods {
 
 macro_rules! method {
     (fmi3GetBoolean $($rest:tt)*) => {};
+    (fmi3GetShiftDecimal $($rest:tt)*) => {
+        method!(@get get_shift_decimal(references: u32) f64);
+    };
+    (fmi3SetIntervalDecimal $($rest:tt)*) => {
+        method!(@set set_interval_decimal(references: u32, intervals: f64));
+    };
+    (fmi3SetShiftDecimal $($rest:tt)*) => {
+        method!(@set set_shift_decimal(references: u32, shifts: f64));
+    };
     (fmi3SetBoolean $($rest:tt)*) => {};
     (fmi3GetString $($rest:tt)*) => {};
     (fmi3SetString $($rest:tt)*) => {};
@@ -271,23 +280,134 @@ fn strings(texts: &[fmi3String]) -> Vec<String> {
 }
 
 impl ComponentInstance {
-    pub(crate) fn get_boolean(&mut self, r: &[u32], values: &mut [fmi3Boolean]) -> fmi3Status {
+    fn get_flags(&mut self, by: Operation, r: &[u32], values: &mut [u8]) -> fmi3Status {
         let signature = "borrow,list<u32>->result<list<bool>,status>";
-        status(self.call(Operation::get_boolean, signature, &[Argument::list(r)], |returned| {
+        status(self.call(by, signature, &[Argument::list(r)], |returned| {
             returned.copy(values, LENGTH)?;
             values.iter_mut().for_each(|value| *value = boolean(*value));
             Ok(())
         }))
     }
 
-    pub(crate) fn set_boolean(&mut self, r: &[u32], values: &[fmi3Boolean]) -> fmi3Status {
+    fn set_flags(&mut self, by: Operation, r: &[u32], values: &[u8]) -> fmi3Status {
         let values = Vec::from_iter(values.iter().map(|value| boolean(*value)));
         let given = [Argument::list(r), Argument::list(&values)];
-        status(self.call_for_status(
-            Operation::set_boolean,
-            "borrow,list<u32>,list<bool>->status",
-            &given,
-        ))
+        status(self.call_for_status(by, "borrow,list<u32>,list<bool>->status", &given))
+    }
+
+    pub(crate) fn get_boolean(&mut self, r: &[u32], values: &mut [fmi3Boolean]) -> fmi3Status {
+        self.get_flags(Operation::get_boolean, r, values)
+    }
+
+    pub(crate) fn set_boolean(&mut self, r: &[u32], values: &[fmi3Boolean]) -> fmi3Status {
+        self.set_flags(Operation::set_boolean, r, values)
+    }
+
+    pub(crate) fn get_clock(&mut self, r: &[u32], values: &mut [fmi3Clock]) -> fmi3Status {
+        self.get_flags(Operation::get_clock, r, values)
+    }
+
+    pub(crate) fn set_clock(&mut self, r: &[u32], values: &[fmi3Clock]) -> fmi3Status {
+        self.set_flags(Operation::set_clock, r, values)
+    }
+
+    /// Gets records of `N` numbers, each of which takes 8 bytes.
+    fn get_records<const N: usize>(
+        &mut self,
+        by: Operation,
+        signature: &'static str,
+        r: &[u32],
+    ) -> CallResult<Vec<[u64; N]>> {
+        self.call(by, signature, &[Argument::list(r)], |returned| {
+            let (numbers, _) = returned.list(8 * N)?.as_chunks();
+            let (records, _) = numbers.as_chunks::<N>();
+            match records.len() == r.len() {
+                true => Ok(records.iter().map(|record| record.map(u64::from_le_bytes)).collect()),
+                false => Err(CallError::Status(LENGTH)),
+            }
+        })
+    }
+
+    pub(crate) fn get_interval_decimal(
+        &mut self,
+        r: &[u32],
+        intervals: &mut [f64],
+        qualifiers: &mut [fmi3IntervalQualifier],
+    ) -> fmi3Status {
+        let signature = "borrow,list<u32>->result<list<tuple<f64,interval-qualifier>>,status>";
+        status(self.get_records(Operation::get_interval_decimal, signature, r).map(|records| {
+            let places = intervals.iter_mut().zip(qualifiers);
+            for ([interval, qualifier], place) in records.into_iter().zip(places) {
+                (*place.0, *place.1) = (f64::from_bits(interval), (qualifier as u8).into());
+            }
+        }))
+    }
+
+    pub(crate) fn get_interval_fraction(
+        &mut self,
+        r: &[u32],
+        counters: &mut [u64],
+        resolutions: &mut [u64],
+        qualifiers: &mut [fmi3IntervalQualifier],
+    ) -> fmi3Status {
+        let signature =
+            "borrow,list<u32>->result<list<tuple<record<u64,u64>,interval-qualifier>>,status>";
+        status(self.get_records(Operation::get_interval_fraction, signature, r).map(|records| {
+            let places = counters.iter_mut().zip(resolutions).zip(qualifiers);
+            for ([counter, resolution, qualifier], (place, of_qualifier)) in
+                records.into_iter().zip(places)
+            {
+                (*place.0, *place.1) = (counter, resolution);
+                *of_qualifier = (qualifier as u8).into();
+            }
+        }))
+    }
+
+    pub(crate) fn get_shift_fraction(
+        &mut self,
+        r: &[u32],
+        counters: &mut [u64],
+        resolutions: &mut [u64],
+    ) -> fmi3Status {
+        let signature = "borrow,list<u32>->result<list<record<u64,u64>>,status>";
+        status(self.get_records(Operation::get_shift_fraction, signature, r).map(|records| {
+            let places = counters.iter_mut().zip(resolutions);
+            for ([counter, resolution], place) in records.into_iter().zip(places) {
+                (*place.0, *place.1) = (counter, resolution);
+            }
+        }))
+    }
+
+    fn set_fractions(
+        &mut self,
+        by: Operation,
+        r: &[u32],
+        counters: &[u64],
+        resolutions: &[u64],
+    ) -> fmi3Status {
+        let fractions = counters.iter().zip(resolutions).flat_map(|(c, r)| [*c, *r]);
+        let fractions = Vec::from_iter(fractions);
+        let given = [Argument::list(r), Argument::pairs(&fractions)];
+        let signature = "borrow,list<u32>,list<record<u64,u64>>->status";
+        status(self.call_for_status(by, signature, &given))
+    }
+
+    pub(crate) fn set_interval_fraction(
+        &mut self,
+        r: &[u32],
+        counters: &[u64],
+        resolutions: &[u64],
+    ) -> fmi3Status {
+        self.set_fractions(Operation::set_interval_fraction, r, counters, resolutions)
+    }
+
+    pub(crate) fn set_shift_fraction(
+        &mut self,
+        r: &[u32],
+        counters: &[u64],
+        resolutions: &[u64],
+    ) -> fmi3Status {
+        self.set_fractions(Operation::set_shift_fraction, r, counters, resolutions)
     }
 
     pub(crate) fn set_debug_logging(&mut self, on: bool, categories: &[fmi3String]) -> fmi3Status {
@@ -355,6 +475,22 @@ impl ComponentInstance {
             copy(&Vec::from_iter(self.bytes.iter().map(Vec::len)), sizes)?;
             copy(&Vec::from_iter(self.bytes.iter().map(|bytes| bytes.as_ptr())), values)
         }))
+    }
+
+    pub(crate) fn set_binary(
+        &mut self,
+        r: &[u32],
+        sizes: &[usize],
+        values: &[fmi3Binary],
+    ) -> fmi3Status {
+        let bytes = values.iter().zip(sizes).map(|(value, size)| match size {
+            0 => &[][..],
+            // SAFETY: the pointers of the host are valid for the sizes passed with them.
+            _ => unsafe { slice::from_raw_parts(*value, *size) },
+        });
+        let given = [Argument::list(r), Argument::Lists(&Vec::from_iter(bytes))];
+        let signature = "borrow,list<u32>,list<list<u8>>->status";
+        status(self.call_for_status(Operation::set_binary, signature, &given))
     }
 
     pub(crate) fn get_output_derivatives(

@@ -130,11 +130,16 @@ fn describe(types: &ComponentTypes, of: InterfaceType) -> String {
             format!("result<{},{}>", join(types, ok.iter()), join(types, err.iter()))
         }
         InterfaceType::Enum(cases) if types[cases].names.iter().eq(STATUS) => "status".to_owned(),
+        InterfaceType::Enum(cases) if types[cases].names.iter().eq(QUALIFIER) => {
+            "interval-qualifier".to_owned()
+        }
         InterfaceType::Own(_) => "own".to_owned(),
         InterfaceType::Borrow(_) => "borrow".to_owned(),
         other => format!("{other:?}").to_lowercase(),
     }
 }
+
+const QUALIFIER: [&str; 3] = ["interval-not-yet-known", "interval-unchanged", "interval-changed"];
 
 const STATUS: [&str; 5] = ["ok", "warning", "discard", "error", "fatal"];
 

@@ -3,7 +3,6 @@
 use std::fmt::Write;
 
 use anyhow::{Result, ensure};
-use fmu_host::InterfaceType;
 
 use crate::{Component, Connection, Description, Literal, Order};
 
@@ -48,11 +47,7 @@ impl Description {
             let fmu = quoted(&fmu.to_string_lossy());
             writeln!(text, "\n[[component]]\nname = {}\nfmu = {fmu}", quoted(name))?;
             if let Some(interface) = interface {
-                let name = match interface {
-                    InterfaceType::CoSimulation => "co-simulation",
-                    InterfaceType::ModelExchange => "model-exchange",
-                };
-                writeln!(text, "interface = {}", quoted(name))?;
+                writeln!(text, "interface = {}", quoted(interface.option_name()))?;
             }
             for (key, value) in [
                 ("sampled", sampled.map(|sampled| sampled.to_string())),

@@ -203,6 +203,7 @@ fn interface<'a>(
         let element = match interface_type {
             InterfaceType::CoSimulation => model.co_simulation(),
             InterfaceType::ModelExchange => model.model_exchange(),
+            InterfaceType::ScheduledExecution => None,
         };
         Some((interface_type, element?))
     };

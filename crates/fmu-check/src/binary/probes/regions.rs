@@ -63,7 +63,7 @@ pub fn visit(
                     run.instance.set_continuous_states(&moved).map(drop)
                 }),
                 // An output may follow in the next step only.
-                InterfaceType::CoSimulation => {
+                _ => {
                     let point = run.position.point;
                     run.position.point += 1;
                     run.do_step(point as f64, 1.0).map(drop)
