@@ -1,9 +1,12 @@
 //! Checks of a table at compile time, whose panics are compile errors: of each struct where it is derived, and of a
 //! model where it is exported.
 
+use crate::ClockType;
 use crate::hash::Hash;
 use crate::scalar::{ScalarVariable, scalar_at, variable_with_hash};
-use crate::table::{Bounds, Constant, Declaration, Dynamics, MAX_NAME, TableRow, each};
+use crate::table::{
+    Bounds, Constant, Declaration, Dynamics, MAX_NAME, TableRow, each, have_clocks,
+};
 
 /// Checks that the maximum of a variable is not below its minimum.
 #[track_caller]
@@ -37,6 +40,7 @@ pub(crate) const fn check_start_values(declaration: &Declaration, message: &str)
             }
             Constant::Real(value) => bounds.contain_real(value),
             Constant::Whole(value) => bounds.contain_whole(value),
+            Constant::Bytes(bytes) => bounds.contain_size(bytes.len()),
             _ => true,
         };
         if !is_allowed {
@@ -74,6 +78,64 @@ pub const fn positive(value: f64, message: &str) -> f64 {
         fail(message, "not a positive number");
     }
     value
+}
+
+/// As [`positive`], for a value that may be 0.
+#[track_caller]
+pub const fn not_negative(value: f64, message: &str) -> f64 {
+    if !(value >= 0.0 && value.is_finite()) {
+        fail(message, "not 0 or a positive number");
+    }
+    value
+}
+
+/// Checks the type of a clock, as far as the macros cannot.
+#[track_caller]
+pub const fn check_clock(rows: &[TableRow], row: usize) {
+    if let TableRow::Variable(declaration) = &rows[row]
+        && let Some(clock) = declaration.start.clock()
+    {
+        check_counters(clock);
+    }
+}
+
+/// Checks that a clock with a resolution can be told in whole numbers.
+#[track_caller]
+const fn check_counters(clock: &ClockType) {
+    let Some(resolution) = clock.resolution else { return };
+    assert!(
+        resolution > 0,
+        "the resolution of a clock is 0, expected the number of units in a second"
+    );
+    if let Some(interval) = clock.interval {
+        assert!(
+            is_multiple(interval, resolution) && is_multiple(clock.shift, resolution),
+            "with a resolution, the interval and the shift of a clock are multiples of 1 s / `resolution`"
+        );
+    }
+}
+
+/// Whether a time (s) is a whole number of the units of which a second has so many, up to rounding.
+const fn is_multiple(time: f64, resolution: u64) -> bool {
+    let units = time * resolution as f64;
+    let whole = (units + 0.5) as u64 as f64;
+    (units - whole).abs() <= 1e-9 * units
+}
+
+/// Checks that a clocked model has a clock.
+#[track_caller]
+pub const fn has_clocks(rows: &[TableRow], message: &str) {
+    if !have_clocks(rows) {
+        panic!("{}", message);
+    }
+}
+
+/// Checks that a nested struct of a model without ticks has no clocks.
+#[track_caller]
+pub const fn has_no_clocks(rows: &[TableRow], message: &str) {
+    if have_clocks(rows) {
+        panic!("{}", message);
+    }
 }
 
 /// The number of an item.
@@ -180,6 +242,9 @@ pub const fn check(scalars: &[ScalarVariable], is_integrated: bool) {
             "the maximum of a variable is below its minimum"
         );
         check_start_values(scalar.variable, "a start value is outside the bounds of its variable");
+        if let Some(clock) = scalar.variable.start.clock() {
+            check_counters(clock);
+        }
         check_dynamics(scalar, scalars);
         check_size(scalar, scalars);
     });

@@ -2,7 +2,12 @@
 
 pub use crate::Interface;
 pub use crate::change::{Change, changed, check_change};
-pub use crate::checks::{check_bounds, check_start, exists, number, positive, unique};
+pub use crate::checks::{
+    check_bounds, check_clock, check_start, exists, has_clocks, has_no_clocks, not_negative,
+    number, positive, unique,
+};
+pub use crate::clock::Timing;
+pub use crate::clock_type::ClockType;
 use crate::hash::Hash;
 pub use crate::references::{FixedReference, check_reference};
 use crate::scalar::scalar_count;
@@ -13,7 +18,7 @@ pub use crate::table::{
     Bounds, Declaration, Dynamics, Enumeration, History, Item, TableRow, TypedStart,
 };
 pub use crate::variables::{Choice, HasClone, HasDefault, HasDeserialize, HasSerialize, Variables};
-pub use crate::vocabulary::{Causality, Naming, OwnCategory, Variability};
+pub use crate::vocabulary::{Causality, IntervalVariability, Naming, OwnCategory, Variability};
 
 /// The elements of an array that are in use.
 #[inline(always)]

@@ -198,6 +198,7 @@ impl XmlWriter<'_> {
             .with("description", &v.description)
             .with("causality", v.causality.as_str())
             .with("variability", v.variability.as_str())
+            .with_some("clocks", (!v.clocks.is_empty()).then(|| list(&v.clocks)))
             .with_some("initial", v.initial.map(Initial::as_str));
         let starts = v.start.iter().map(text);
         let start = (!v.start.is_empty()).then(|| list(starts.clone()));
@@ -226,7 +227,11 @@ impl XmlWriter<'_> {
             .holding_all(v.dimensions.iter().map(dimension))
             .holding_all(elements.take(if has_elements { v.start.len() } else { 0 }))
             .holding_all(v.aliases.iter().map(alias));
-        self.typed(element, v, start.filter(|_| !has_elements))
+        let element = self.typed(element, v, start.filter(|_| !has_elements));
+        match &v.clock {
+            Some(clock) => fmi3::with_clock(element, clock),
+            None => element,
+        }
     }
 
     /// Adds the attributes that each version has in the element of a type.
@@ -247,6 +252,7 @@ impl XmlWriter<'_> {
         };
         element
             .with_some("mimeType", v.mime_type.as_ref())
+            .with_some("maxSize", v.max_size)
             .with_some("declaredType", declared.map(|of_type| &of_type.name))
             .with_some("unit", v.unit.as_ref())
             .with_some("displayUnit", v.display_unit.as_ref())
@@ -282,6 +288,10 @@ impl XmlWriter<'_> {
                         let given = v.exported.initially_from.as_deref();
                         given.map(sorted).or_else(default)
                     }
+                    // A tick changes states, and thereby derivatives.
+                    false if v.is_derivative() => self.dependencies(v).or_else(|| {
+                        Some(all(|known| known.is_known() && known.of_type != Type::Clock))
+                    }),
                     false => (self.dependencies(v)).or_else(|| Some(all(Variable::is_known))),
                 };
                 let number = |reference: &usize| self.number(*reference);
@@ -307,10 +317,14 @@ impl XmlWriter<'_> {
     ///
     /// Outputs of a model without equations change in steps and at sample instants only, and never
     /// depend on an input at the same instant, so that importers see no false algebraic loops.
+    ///
+    /// What a tick computes may depend on all clocks and inputs.
     fn dependencies(&self, v: &Variable) -> Option<Vec<usize>> {
+        let is_of_ticks = self.model.is_clocked || v.is_of_ticks();
         let is_held = !self.model.is_continuous || v.variability != Variability::Continuous;
         match v.exported.dynamics {
             Dynamics::State => Some(vec![v.reference as usize]),
+            _ if is_of_ticks => None,
             _ if v.is_output() && is_held => Some(Vec::new()),
             _ if v.exported.depends_on.is_empty() => None,
             _ => Some(sorted(&v.exported.depends_on)),

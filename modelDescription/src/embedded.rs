@@ -5,8 +5,9 @@ use std::ops::Range;
 use anyhow::{Context, Result, ensure};
 
 use crate::ExportedModel;
+use crate::exported::Supplement;
 use crate::hash::checksum;
-use crate::interface::{CHECKSUM, MAGIC, VERSION};
+use crate::interface::{CHECKSUM, MAGIC, SUPPLEMENTED, VERSION};
 
 const DAMAGED: &str = "the description of a model in the binary is damaged";
 const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
@@ -53,7 +54,7 @@ fn next_copy(binary: &[u8], from: usize) -> Result<Option<Range<usize>>> {
     let [.., a, b, c, d, e, f, g, h] = *header;
     let version = u32::from_le_bytes([a, b, c, d]);
     ensure!(
-        version == VERSION,
+        matches!(version, VERSION | SUPPLEMENTED),
         "the library was built with another version of fmu-export: its format is {version}, expected {VERSION}"
     );
     let length = (u32::from_le_bytes([e, f, g, h]) as usize).max(HEADER);
@@ -66,8 +67,18 @@ fn description(copy: &[u8]) -> Result<ExportedModel> {
     let (content, sum) = copy.context("it ends too early")?;
     let is_whole = checksum(content).to_le_bytes() == *sum;
     ensure!(is_whole, "its checksum is wrong");
-    let content = content.get(HEADER..).context("it ends too early")?;
+    let (header, content) = content.split_at_checked(HEADER).context("it ends too early")?;
+    let is_supplemented = header[MAGIC.len()..].starts_with(&SUPPLEMENTED.to_le_bytes());
+    let (supplement, content) = match is_supplemented {
+        true => {
+            postcard::take_from_bytes(content).map(|(it, rest)| (Some::<Supplement>(it), rest))?
+        }
+        false => (None, content),
+    };
     let mut model: ExportedModel = postcard::from_bytes(content)?;
+    if let Some(supplement) = supplement {
+        model.supplement(supplement);
+    }
     let mut ends = Vec::with_capacity(model.variables.len());
     for v in &mut model.variables {
         let mut sizes = v.dimensions.iter();

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use serde::Deserialize;
 
 use crate::variable::Variable;
-use crate::{InterfaceType, Naming};
+use crate::{ClockType, InterfaceType, Naming, Type};
 
 /// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
 /// a binary has its fields in this order.
@@ -42,6 +42,9 @@ pub struct ExportedModel {
     pub time: usize,
     /// GUID of the interface.
     pub guid: String,
+    /// Whether it acts only at the ticks of its clocks. It is part of the supplement of a copy.
+    #[serde(skip)]
+    pub is_clocked: bool,
     /// Start time of the default experiment (s). It is no part of the copy in a binary, as those below.
     #[serde(skip)]
     pub start_time: f64,
@@ -56,7 +59,35 @@ pub struct ExportedModel {
     pub interface_type: Option<InterfaceType>,
 }
 
+/// What a copy in a binary has before its model, if that has clocks or what else the format of other copies lacks.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Supplement {
+    /// See [`ExportedModel::is_clocked`].
+    is_clocked: bool,
+    variables: Vec<SupplementedVariable>,
+}
+
+/// The fields of a [`Variable`] with these names.
+#[derive(Debug, Deserialize)]
+struct SupplementedVariable {
+    reference: u32,
+    clocks: Vec<u32>,
+    max_size: Option<usize>,
+    clock: Option<ClockType>,
+}
+
 impl ExportedModel {
+    /// Adds the supplement of its copy.
+    pub(crate) fn supplement(&mut self, supplement: Supplement) {
+        self.is_clocked = supplement.is_clocked;
+        for SupplementedVariable { reference, clocks, max_size, clock } in supplement.variables {
+            let found = self.variables.iter_mut().find(|v| v.reference == reference);
+            if let Some(variable) = found {
+                (variable.clocks, variable.max_size, variable.clock) = (clocks, max_size, clock);
+            }
+        }
+    }
+
     /// Writes the names of the variables, which are structured, in the naming convention of the model.
     ///
     /// # Errors
@@ -104,9 +135,15 @@ impl ExportedModel {
         size.map_or(v.element_count(), |size| size.min(v.element_count()))
     }
 
-    /// Whether it has events: samples, or those of its equations. A host can then solve it by model exchange.
+    /// Whether it has events: samples, ticks of clocks, or those of its equations. A host can then solve it by model
+    /// exchange.
     pub fn has_events(&self) -> bool {
-        self.is_continuous || self.is_sampled
+        self.is_continuous || self.is_sampled || self.is_clocked
+    }
+
+    /// Whether it has clocks.
+    pub fn has_clocks(&self) -> bool {
+        self.variables.iter().any(|v| v.of_type == Type::Clock)
     }
 
     /// Whether it is exported for model exchange.
@@ -117,6 +154,11 @@ impl ExportedModel {
     /// Whether it is exported for co-simulation.
     pub fn is_for_co_simulation(&self) -> bool {
         self.interface_type != Some(InterfaceType::ModelExchange)
+    }
+
+    /// Whether it is exported for scheduled execution.
+    pub fn is_for_scheduled_execution(&self) -> bool {
+        self.is_clocked && self.interface_type.is_none()
     }
 
     /// Whether the derivatives of all that a host integrates are known: of the state derivatives and

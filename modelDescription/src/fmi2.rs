@@ -64,7 +64,7 @@ pub(crate) fn take_aliases(v: &mut Variable) -> Vec<Variable> {
     others.collect()
 }
 
-/// Why FMI 2.0 cannot express the type of a variable: it is binary, or a start value or all values that it may have are
+/// Why FMI 2.0 cannot express a variable: it is a clock, or changes at the ticks of one, it is binary, or a start value or all values that it may have are
 /// beyond 32 bits.
 pub(crate) fn lacks(v: &Variable) -> Option<&'static str> {
     let (low, high) = Type::Int32.range();
@@ -73,6 +73,8 @@ pub(crate) fn lacks(v: &Variable) -> Option<&'static str> {
         whole(&v.min).is_none_or(|min| min <= high) && whole(&v.max).is_none_or(|max| max >= low);
     let mut starts = v.start.iter().filter_map(Value::as_whole);
     match v.of_type {
+        Type::Clock => Some("a Clock"),
+        _ if v.is_of_ticks() => Some("changes at the ticks of a Clock"),
         Type::Binary => Some("a Binary"),
         _ if is_allowed && starts.all(|n| (low..=high).contains(&n)) => None,
         _ => Some("beyond the 32 bits of an Integer"),

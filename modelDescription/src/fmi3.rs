@@ -5,7 +5,7 @@ use anyhow::{Result, bail, ensure};
 use crate::exported::ExportedModel;
 use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
-use crate::{Causality, FmiVersion, Variability};
+use crate::{Causality, ClockType, FmiVersion, Variability};
 
 /// Name of the independent variable.
 const TIME: &str = "time";
@@ -24,9 +24,17 @@ pub(crate) fn variables(model: &ExportedModel) -> Result<Vec<Variable>> {
             empty.name
         );
     }
+    let mut clocks = 0;
     let variables = model.variables.iter().map(|v| {
         let start = v.start.iter().take(model.elements_in_use(v));
-        Variable { start: start.cloned().collect(), ..v.clone() }
+        let mut variable = Variable { start: start.cloned().collect(), ..v.clone() };
+        // Scheduled execution demands priorities of input clocks: the first is the highest.
+        if let Some(clock) = variable.clock.as_mut().filter(|_| v.causality == Causality::Input) {
+            let order = Some(clocks).filter(|_| model.is_for_scheduled_execution());
+            clock.priority = clock.priority.or(order);
+            clocks += 1;
+        }
+        variable
     });
     let time = Variable {
         name: TIME.into(),
@@ -41,10 +49,27 @@ pub(crate) fn variables(model: &ExportedModel) -> Result<Vec<Variable>> {
     Ok(variables.chain([time]).collect())
 }
 
+/// Adds what says when a clock ticks.
+pub(crate) fn with_clock(element: Element<'static>, clock: &ClockType) -> Element<'static> {
+    let known = clock.interval;
+    let shift = known.and(Some(clock.shift).filter(|shift| *shift != 0.0));
+    let counter = |time: f64| clock.counter(time).filter(|_| clock.supports_fraction);
+    element
+        .with_some("canBeDeactivated", clock.can_be_deactivated.then_some(true))
+        .with_some("priority", clock.priority)
+        .with("intervalVariability", clock.interval_variability.keyword())
+        .with_some("intervalDecimal", known)
+        .with_some("shiftDecimal", shift)
+        .with_some("supportsFraction", clock.supports_fraction.then_some(true))
+        .with_some("resolution", clock.resolution)
+        .with_some("intervalCounter", known.and_then(counter))
+        .with_some("shiftCounter", shift.and_then(counter))
+}
+
 /// Adds the types of interfaces, with the capabilities of the C interface of `fmu-export`.
 pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Element<'static> {
     // The attributes that all types have (FMI 3.0.2, section 2.4.2).
-    let has_derivatives = model.has_all_derivatives();
+    let (has_derivatives, has_clocks) = (model.has_all_derivatives(), model.has_clocks());
     let interface = |name| {
         Element::new(name)
             .with("modelIdentifier", &model.name)
@@ -55,7 +80,7 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
             .with("providesDirectionalDerivatives", has_derivatives)
             .with("providesAdjointDerivatives", has_derivatives)
             .with("providesPerElementDependencies", false)
-            .with("providesEvaluateDiscreteStates", false)
+            .with("providesEvaluateDiscreteStates", has_clocks)
     };
     let exchange = interface("ModelExchange").with("needsCompletedIntegratorStep", false);
     let co_simulation = interface("CoSimulation")
@@ -63,11 +88,13 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
         .with("maxOutputDerivativeOrder", model.max_output_derivative_order())
         .with("providesIntermediateUpdate", model.is_continuous)
         .with("canReturnEarlyAfterIntermediateUpdate", model.is_continuous)
-        // In event mode, a step ends at the next sample instant or time event.
-        .with("mightReturnEarlyFromDoStep", model.has_events())
+        // In event mode, a step ends at the next sample instant or time event; the host knows when clocks tick.
+        .with("mightReturnEarlyFromDoStep", model.has_events() && !model.is_clocked)
         .with("hasEventMode", model.has_events());
+    let scheduled = interface("ScheduledExecution");
     root.holding_all(model.is_for_model_exchange().then_some(exchange))
         .holding_all(model.is_for_co_simulation().then_some(co_simulation))
+        .holding_all(model.is_for_scheduled_execution().then_some(scheduled))
 }
 
 /// Corners of the icon and of the coordinate system that it fills.

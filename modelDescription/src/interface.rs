@@ -7,7 +7,7 @@
 use crate::hash::{Hash, checksum};
 use crate::scalar::{ScalarVariable, length};
 use crate::table::{Bounds, Constant, Declaration, Dynamics, TypedStart, each};
-use crate::{Causality, Initial, Naming, OwnCategory, Type, Value, Variability};
+use crate::{Causality, ClockType, Initial, Naming, OwnCategory, Type, Value, Variability};
 
 /// All that an FMU binary knows of a model's interface.
 #[derive(Debug, Clone, Copy)]
@@ -20,6 +20,8 @@ pub struct Interface {
     pub is_sampled: bool,
     /// Whether it is described by differential or algebraic equations, which a host can solve.
     pub is_continuous: bool,
+    /// Whether it acts only at the ticks of its clocks.
+    pub is_clocked: bool,
     /// Whether it has a log of its own.
     pub has_log: bool,
     /// The log categories that it declares.
@@ -205,6 +207,9 @@ pub const GUID_LENGTH: usize = 38;
 pub(crate) const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format of copies; increase it when the format changes.
 pub(crate) const VERSION: u32 = 9;
+/// Version of the format of copies that begin with a [`Supplement`](crate::exported::Supplement); those of models that
+/// need none have the other version.
+pub(crate) const SUPPLEMENTED: u32 = 10;
 /// What is between the description of a deprecated variable and the text that says what to use instead.
 pub(crate) const DEPRECATED: &str = " (deprecated: ";
 /// Size of the checksum at the end of a copy.
@@ -220,6 +225,9 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     });
     let mut hash =
         Hash::new().text(interface.name).bytes(&[interface.is_sampled as u8, has_equations as u8]);
+    if interface.is_clocked {
+        hash = hash.text("clocked");
+    }
     if matches!(interface.naming, Naming::Flat) {
         hash = hash.text(interface.naming.as_str());
     }
@@ -263,18 +271,42 @@ const fn identify(scalar: &ScalarVariable, mut hash: Hash) -> Hash {
         TypedStart::Enumeration(_, of) => hash.bytes(&[3]).text(of.name),
         TypedStart::String(_) => hash.bytes(&[4]),
         TypedStart::Binary(_) => hash.bytes(&[5]).text(field.mime_type),
+        TypedStart::Clock(clock) => identify_clock(clock, hash.bytes(&[6])),
         _ => hash.bytes(&[1, field.start.of_type() as u8 - Type::Int8 as u8]),
     };
     hash = match field.bounds {
         Bounds::Real(min, max) => hash.number(min.to_bits()).number(max.to_bits()),
         Bounds::Whole(min, max) => hash.number(min as u64).number(max as u64),
+        Bounds::Size(max) => hash.text("size").number(max as u64),
         Bounds::None => hash,
     };
+    each!(clock in field.clocks => { hash = hash.text("clock").text(clock); });
     hash = identify_start(field, hash);
     each!(item in field.start.items() => {
         hash = hash.text(item.name).number(item.value as u64);
     });
     hash
+}
+
+/// Adds what says when a clock ticks to a hash.
+const fn identify_clock(clock: &ClockType, hash: Hash) -> Hash {
+    let interval = match clock.interval {
+        Some(interval) => interval.to_bits(),
+        None => 0,
+    };
+    let resolution = match clock.resolution {
+        Some(resolution) => resolution,
+        None => 0,
+    };
+    let priority = match clock.priority {
+        Some(priority) => 1 + priority as u64,
+        None => 0,
+    };
+    hash.bytes(&[clock.interval_variability as u8])
+        .number(interval)
+        .number(clock.shift.to_bits())
+        .number(resolution)
+        .number(priority)
 }
 
 /// Adds the start values of all elements to a hash.
@@ -328,15 +360,32 @@ pub const fn write<const N: usize>(interface: &Interface) -> [u8; N] {
 
 const fn write_copy<const N: usize>(interface: &Interface) -> CopyWriter<N> {
     let mut writer = CopyWriter { bytes: [0; N], length: 0 };
+    let supplemented = supplemented(interface);
+    let has_supplement = interface.is_clocked || supplemented > 0;
     writer.raw(&MAGIC);
-    writer.raw(&VERSION.to_le_bytes());
+    writer.raw(&if has_supplement { SUPPLEMENTED } else { VERSION }.to_le_bytes());
     // The first pass, which computes the length, does not know it.
     writer.raw(&(N as u32).to_le_bytes());
+    if has_supplement {
+        writer.supplement(interface, supplemented);
+    }
     writer.description(interface);
     let (content, _) = writer.bytes.split_at(N.saturating_sub(CHECKSUM));
     let sum = checksum(content);
     writer.raw(&sum.to_le_bytes());
     writer
+}
+
+/// Number of the variables in the supplement of a copy.
+const fn supplemented(interface: &Interface) -> usize {
+    let mut count = 0;
+    each!(scalar in interface.scalars => { count += is_supplemented(scalar.variable) as usize; });
+    count
+}
+
+/// Whether the supplement of a copy has a variable.
+const fn is_supplemented(field: &Declaration) -> bool {
+    field.is_of_ticks() || matches!(field.bounds, Bounds::Size(_))
 }
 
 /// Writes a copy of `N` bytes, or counts the bytes if `N` is too small: a `ExportedModel`, as postcard reads it.
@@ -443,6 +492,55 @@ impl<const N: usize> CopyWriter<N> {
         self.text(&if N == 0 { [0; GUID_LENGTH] } else { guid(interface) });
     }
 
+    /// Adds a `Supplement` with so many variables.
+    const fn supplement(&mut self, interface: &Interface, count: usize) {
+        self.raw(&[interface.is_clocked as u8]);
+        self.number(count as u128);
+        each!(scalar in interface.scalars => {
+            let field = scalar.variable;
+            if is_supplemented(field) {
+                self.number(scalar.reference as u128);
+                self.references(field.clocks, scalar, interface.scalars);
+                match field.bounds {
+                    Bounds::Size(max) => self.some_number(Some(max as u64)),
+                    _ => self.some_number(None),
+                }
+                match field.start.clock() {
+                    Some(clock) => self.clock(clock),
+                    None => self.raw(&[0]),
+                }
+            }
+        });
+    }
+
+    /// Adds a `ClockType`.
+    const fn clock(&mut self, clock: &ClockType) {
+        self.raw(&[1, clock.interval_variability as u8]);
+        match clock.interval {
+            Some(interval) => {
+                self.raw(&[1]);
+                self.raw(&interval.to_le_bytes());
+            }
+            None => self.raw(&[0]),
+        }
+        self.raw(&clock.shift.to_le_bytes());
+        self.some_number(clock.resolution);
+        self.raw(&[clock.supports_fraction as u8]);
+        self.some_number(match clock.priority {
+            Some(priority) => Some(priority as u64),
+            None => None,
+        });
+        self.raw(&[clock.can_be_deactivated as u8]);
+    }
+
+    /// Adds a whole number, or that there is none.
+    const fn some_number(&mut self, number: Option<u64>) {
+        self.raw(&[number.is_some() as u8]);
+        if let Some(number) = number {
+            self.number(number as u128);
+        }
+    }
+
     /// Adds a `Variable`.
     const fn variable(&mut self, scalar: &ScalarVariable, interface: &Interface) {
         let scalars = interface.scalars;
@@ -463,6 +561,8 @@ impl<const N: usize> CopyWriter<N> {
         };
         self.raw(&[field.causality as u8, variability as u8]);
         match Initial::default_for(field.causality, variability) {
+            // A clock has no initial value.
+            _ if field.start.clock().is_some() => self.raw(&[0]),
             Some(Initial::Calculated) if !field.start.is_empty() => {
                 self.raw(&[1, Initial::Exact as u8]);
             }

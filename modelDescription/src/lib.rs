@@ -18,6 +18,9 @@ pub mod changes;
 #[cfg(feature = "table")]
 pub mod checks;
 #[cfg(feature = "table")]
+mod clock;
+mod clock_type;
+#[cfg(feature = "table")]
 #[doc(hidden)]
 pub mod derive;
 #[cfg(feature = "xml")]
@@ -58,6 +61,9 @@ pub mod words;
 #[cfg(feature = "xml")]
 pub mod xml;
 
+#[cfg(feature = "table")]
+pub use clock::{Clock, Timing};
+pub use clock_type::ClockType;
 #[cfg(feature = "xml")]
 pub use describe::Origin;
 #[cfg(feature = "xml")]
@@ -82,4 +88,6 @@ pub use value::Value;
 pub use variable::{DeclaredType, EnumerationItem, ExportInfo, Variable};
 #[cfg(feature = "table")]
 pub use variables::{Choice, Variables};
-pub use vocabulary::{Causality, Initial, LogCategory, Naming, OwnCategory, Type, Variability};
+pub use vocabulary::{
+    Causality, Initial, IntervalVariability, LogCategory, Naming, OwnCategory, Type, Variability,
+};

@@ -6,11 +6,13 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail, ensure};
 
-use crate::value::{items, real, unsigneds, whole};
+use crate::value::{boolean, items, real, unsigneds, whole};
 use crate::variable::{DeclaredType, EnumerationItem, Variable};
 use crate::words::{is_reserved_in_modelica, modelica_name};
 use crate::xml::{Element, quote};
-use crate::{Causality, FmiVersion, Initial, Type, Value, Variability};
+use crate::{
+    Causality, ClockType, FmiVersion, Initial, IntervalVariability, Type, Value, Variability,
+};
 
 /// A model description of FMI 2.0 or 3.0.
 pub struct ModelDescription<'a> {
@@ -338,7 +340,11 @@ impl<'a> XmlVariable<'a> {
         let [min, max] = ["min", "max"].map(|name| listed.inherited(name).and_then(parse));
         let [unit, display_unit, mime_type] = ["unit", "displayUnit", "mimeType"]
             .map(|name| listed.inherited(name).map(str::to_owned));
+        let clocks = element.attribute("clocks").filter(|_| is_3).and_then(unsigneds);
         listed.variable = Variable {
+            clocks: clocks.unwrap_or_default(),
+            max_size: listed.inherited("maxSize").and_then(whole),
+            clock: (of_type == Type::Clock).then(|| listed.clock()),
             start: start.unwrap_or_default(),
             min,
             max,
@@ -368,6 +374,34 @@ impl<'a> XmlVariable<'a> {
             None => Vec::new(),
             Some(start) if self.dimensions.is_empty() => vec![start],
             Some(start) => items(start).collect(),
+        }
+    }
+
+    /// When the clock ticks, by its attributes, or else those of its declared type. Invalid parts are left out.
+    fn clock(&self) -> ClockType {
+        use IntervalVariability::{Calculated, Fixed};
+        let number = |name| self.inherited(name).and_then(real).filter(|it| it.is_finite());
+        let is_true = |name| self.inherited(name).and_then(boolean) == Some(true);
+        let resolution: Option<u64> = self.inherited("resolution").and_then(whole);
+        let resolution = resolution.filter(|resolution| *resolution > 0);
+        let fraction = |name| {
+            let counter: u64 = whole(self.inherited(name)?)?;
+            Some(counter as f64 / resolution? as f64)
+        };
+        let kind = self.inherited("intervalVariability").and_then(IntervalVariability::parse);
+        let interval = number("intervalDecimal").or_else(|| fraction("intervalCounter"));
+        let shift = number("shiftDecimal").or_else(|| fraction("shiftCounter"));
+        ClockType {
+            interval_variability: match kind.unwrap_or_default() {
+                Fixed if interval.is_none() => Calculated,
+                kind => kind,
+            },
+            interval,
+            shift: shift.unwrap_or(0.0),
+            resolution,
+            supports_fraction: is_true("supportsFraction"),
+            priority: self.inherited("priority").and_then(whole),
+            can_be_deactivated: is_true("canBeDeactivated"),
         }
     }
 

@@ -250,6 +250,7 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> ([ScalarVaria
         unit: "",
         display_unit: "",
         mime_type: "",
+        clocks: &[],
         initially_from: None,
         dynamics: Dynamics::Algebraic,
         nominal: 1.0,

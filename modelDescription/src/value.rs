@@ -20,6 +20,8 @@ macro_rules! values {
             $($other($other_type),)*
             /// The number of an item.
             Enumeration(i64),
+            /// Whether it ticks.
+            Clock(bool),
         }
 
         impl Value {
@@ -30,6 +32,7 @@ macro_rules! values {
                     $(Self::$whole(_) => Type::$whole,)*
                     $(Self::$other(_) => Type::$other,)*
                     Self::Enumeration(_) => Type::Enumeration,
+                    Self::Clock(_) => Type::Clock,
                 }
             }
 
@@ -129,7 +132,7 @@ impl fmt::Display for Value {
         match self {
             Self::Float32(value) => fmt::Debug::fmt(&Number(*value), f),
             Self::Float64(value) => fmt::Debug::fmt(&Number(*value), f),
-            Self::Boolean(value) => value.fmt(f),
+            Self::Boolean(value) | Self::Clock(value) => value.fmt(f),
             Self::String(text) => f.write_str(text),
             Self::Binary(bytes) => bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}")),
             number => Whole(number.as_whole().unwrap_or_default()).fmt(f),

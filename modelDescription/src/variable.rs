@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::scalar::element_name;
 use crate::table::Bounds;
-use crate::{Causality, Dynamics, Initial, Naming, Type, Value, Variability, value};
+use crate::{Causality, ClockType, Dynamics, Initial, Naming, Type, Value, Variability, value};
 
 /// A variable: a scalar, or an array. The copy in a binary has its fields in this order. The default is a
 /// continuous local Float64 without a name.
@@ -49,6 +49,16 @@ pub struct Variable {
     pub start: Vec<Value>,
     /// Its declared type, if it has one; an Enumeration does.
     pub declared_type: Option<Arc<DeclaredType>>,
+    /// Value references of the clocks at whose ticks it changes; none if it is not clocked. In a copy, it is part of the
+    /// supplement, as those below.
+    #[serde(skip)]
+    pub clocks: Vec<u32>,
+    /// The largest number of bytes of a Binary, if there is one.
+    #[serde(skip)]
+    pub max_size: Option<usize>,
+    /// When a Clock ticks.
+    #[serde(skip)]
+    pub clock: Option<ClockType>,
 }
 
 /// What an exporter knows of a variable, and a model description has elsewhere. Of an array, value references
@@ -122,6 +132,11 @@ impl Variable {
         }
     }
 
+    /// Whether it is a clock, or a variable with clocks, which has a value only at their ticks.
+    pub fn is_of_ticks(&self) -> bool {
+        self.of_type == Type::Clock || !self.clocks.is_empty()
+    }
+
     /// Whether it is a parameter that the host sets, structural ones included.
     pub fn is_parameter(&self) -> bool {
         matches!(self.causality, Causality::Parameter | Causality::StructuralParameter)
@@ -159,6 +174,7 @@ impl Variable {
                 let (low, high) = of_type.range();
                 Bounds::Whole(whole(&self.min).unwrap_or(low), whole(&self.max).unwrap_or(high))
             }
+            Type::Binary => self.max_size.map_or(Bounds::None, Bounds::Size),
             _ => Bounds::None,
         }
     }
@@ -173,7 +189,11 @@ impl Variable {
         match self.of_type {
             Type::Boolean => "true or false".into(),
             Type::String => "a text without null bytes".into(),
-            Type::Binary => "two hexadecimal digits for each byte".into(),
+            Type::Binary => match self.max_size {
+                None => "two hexadecimal digits for each byte".into(),
+                Some(max) => format!("two hexadecimal digits for each byte, at most {max} bytes"),
+            },
+            Type::Clock => "no value, since a clock ticks".into(),
             Type::Enumeration => {
                 let names: Vec<_> = self.items().iter().map(|item| &*item.name).collect();
                 format!("one of {}", names.join(", "))
@@ -242,7 +262,10 @@ impl Variable {
             Output | Local if self.variability != Variability::Constant => {
                 self.initial == Some(Initial::Exact)
             }
-            causality => matches!(causality, Input | Parameter | Independent),
+            // No clock is active before the simulation.
+            causality => {
+                matches!(causality, Input | Parameter | Independent) && self.of_type != Type::Clock
+            }
         }
     }
 

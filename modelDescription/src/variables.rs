@@ -3,6 +3,7 @@
 use serde_core::Serialize;
 use serde_core::de::DeserializeOwned;
 
+use crate::clock::Timing;
 use crate::scalar::scalar_count;
 use crate::state::{StateError, StateReader, StateWriter};
 use crate::table::{AnyChoice, Enumeration, TableRow};
@@ -41,6 +42,9 @@ pub unsafe trait Variables: Sized {
 
     /// The time derivative of an input, if the host may set it.
     fn input_derivative(&mut self, index: usize) -> Option<&mut f64>;
+
+    /// The interval and the shift of a clock, by its number, if the model calculates them.
+    fn clock_timing(&self, index: usize) -> Option<Timing>;
 
     /// The derivative of a variable with respect to an input or a state. That of an output with respect
     /// to an input of a model that takes steps: the input was held over the last step.

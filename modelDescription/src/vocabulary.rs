@@ -81,6 +81,27 @@ words! {
         Calculated = "calculated",
     }
 
+    /// The kind of a clock: how the interval between its ticks is known (FMI 3.0.2, section 2.2.9).
+    IntervalVariability {
+        /// The interval is constant.
+        Constant = "constant",
+        /// The host may set the interval during initialization.
+        Fixed = "fixed",
+        /// The FMU calculates the interval during initialization. In a model description, such a clock is fixed, and has
+        /// no interval.
+        Calculated = "calculated",
+        /// The interval changes with tunable parameters, or the host may set it during the simulation, if a model
+        /// description has one.
+        Tunable = "tunable",
+        /// The FMU says at each tick when the next one is.
+        Changing = "changing",
+        /// The FMU says at any event when the next tick is.
+        Countdown = "countdown",
+        /// The clock ticks at instants that are not known in advance.
+        #[default]
+        Triggered = "triggered",
+    }
+
     /// How the names of variables are written (FMI 2.0.5, section 2.2.9).
     Naming {
         /// With periods between parts, and indices in brackets: `pid.kp`, `rbf.w[1]`.
@@ -231,6 +252,26 @@ impl Initial {
             (Causality::Parameter | Causality::StructuralParameter, _)
             | (_, Variability::Constant) => Some(Self::Exact),
             _ => Some(Self::Calculated),
+        }
+    }
+}
+
+impl IntervalVariability {
+    /// Whether the clock is periodic: it ticks at a constant or tunable interval.
+    pub const fn is_periodic(self) -> bool {
+        matches!(self, Self::Constant | Self::Fixed | Self::Calculated | Self::Tunable)
+    }
+
+    /// Whether the clock is time-based: its ticks are known in advance.
+    pub const fn is_time_based(self) -> bool {
+        !matches!(self, Self::Triggered)
+    }
+
+    /// The keyword in a model description, which has no word of its own for a calculated interval.
+    pub const fn keyword(self) -> &'static str {
+        match self {
+            Self::Calculated => Self::Fixed.as_str(),
+            other => other.as_str(),
         }
     }
 }

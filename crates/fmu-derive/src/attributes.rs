@@ -2,8 +2,8 @@
 
 use std::fmt::Display;
 
-use fmu_description::Naming;
 use fmu_description::words::is_identifier;
+use fmu_description::{IntervalVariability, Naming};
 use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
 use syn::meta::ParseNestedMeta;
@@ -107,6 +107,7 @@ pub const MODEL: (&str, &[KnownOption]) = (
         ("sample_time", expression),
         ("rates", rates),
         ("continuous", flag),
+        ("clocked", flag),
         ("single_instance", flag),
         ("step", expression),
         ("solver", solver),
@@ -138,6 +139,8 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("min", expression), NAMED),
     (("max", expression), NAMED),
     (("mime_type", text), NAMED),
+    (("max_size", expression), NAMED),
+    (("clocks", clocks), &[Input, Output, Local]),
     (("size", name), &[Input, Output, Parameter, Local, Constant]),
     (("tunable", flag), &[Parameter, StructuralParameter]),
     (("discrete", flag), &[Input, Output, Local]),
@@ -153,6 +156,27 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("flatten", flag), &[Nested]),
     (("with", path), &[Saved]),
     (("category", text), &[Log]),
+];
+/// The options of fields of the type `Clock`, and the roles that have them.
+const CLOCK_OPTIONS: &[(KnownOption, &[Role])] = &[
+    (("triggered", flag), &[Input, Output]),
+    (("constant", flag), &[Input]),
+    (("fixed", flag), &[Input]),
+    (("calculated", flag), &[Input]),
+    (("tunable", flag), &[Input]),
+    (("changing", flag), &[Input]),
+    (("countdown", flag), &[Input]),
+    (("interval", expression), &[Input]),
+    (("shift", expression), &[Input]),
+    (("resolution", expression), &[Input]),
+    (("priority", expression), &[Input]),
+    (("clocks", clocks), &[Input, Output]),
+    (("name", text), &[Input, Output]),
+    (("description", text), &[Input, Output]),
+    (("alias", name_or_names), &[Input, Output]),
+    (("deprecated", text), &[Input, Output]),
+    (("terminal", terminal), &[Input, Output]),
+    (("reference", expression), &[Input, Output]),
 ];
 const ANY_ROW: &[Role] = &[
     Nested,
@@ -170,8 +194,17 @@ const DESCRIBED: &[Role] = ANY_ROW.split_at(1).1;
 const NAMED: &[Role] = DESCRIBED.split_at(1).1;
 const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];
 /// Options for a few variables only, which messages do not list.
-const RARE: [&str; 7] =
-    ["alias", "deprecated", "display", "mime_type", "reference", "references", "size"];
+const RARE: [&str; 9] = [
+    "alias",
+    "clocks",
+    "deprecated",
+    "display",
+    "max_size",
+    "mime_type",
+    "reference",
+    "references",
+    "size",
+];
 
 /// The options that are given: name, place and value.
 #[derive(Default)]
@@ -195,8 +228,8 @@ impl Options {
         Ok(options)
     }
 
-    /// The role of a field, and its options.
-    pub fn of_field(field: &syn::Field) -> Result<(Role, Self)> {
+    /// The role of a field, and its options; those of a clock are others.
+    pub fn of_field(field: &syn::Field, is_clock: bool) -> Result<(Role, Self)> {
         let (mut found, mut options) = (Role::Internal, Self::default());
         for attribute in &field.attrs {
             let mut roles = ROLES.iter();
@@ -218,19 +251,32 @@ impl Options {
                 );
             }
             found = *role;
+            if is_clock && role.has_rows() && !matches!(role, Input | Output) {
+                return error(attribute, "a Clock is an input or an output");
+            }
             if attribute.meta.require_path_only().is_ok() {
                 continue;
             }
-            let of_role = FIELD_OPTIONS.iter().filter(|(_, roles)| roles.contains(role));
+            let all = if is_clock { CLOCK_OPTIONS } else { FIELD_OPTIONS };
+            let of_role = all.iter().filter(|(_, roles)| roles.contains(role));
             let known: Vec<KnownOption> = of_role.map(|(known, _)| *known).collect();
             let names: Vec<_> = known.iter().map(|(name, _)| *name).collect();
             let unknown = |option: &Path| {
+                let is_of_clock =
+                    |((name, _), _): &(KnownOption, _)| !is_clock && option.is_ident(name);
+                let is_of_others = |((name, _), _): &(KnownOption, _)| option.is_ident(name);
                 let expected = match similar(option, &names) {
                     Some(similar) => format!("did you mean `{similar}`?"),
+                    None if CLOCK_OPTIONS.iter().any(is_of_clock)
+                        && !FIELD_OPTIONS.iter().any(is_of_others) =>
+                    {
+                        "only an input of the type Clock has it".to_owned()
+                    }
                     None if names.is_empty() => format!("expected `#[{name}]` alone"),
                     None => format!("expected {}", frequent(&names)),
                 };
-                format!("not an option of `{name}`; {expected}")
+                let what = if is_clock { " of the type Clock" } else { "" };
+                format!("not an option of `{name}`{what}; {expected}")
             };
             attribute.parse_nested_meta(|meta| {
                 let is_option = names.iter().any(|name| meta.path.is_ident(name));
@@ -303,6 +349,13 @@ impl Options {
             Some((.., OptionValue::Names(names))) => names,
             _ => &[],
         }
+    }
+
+    /// The kinds of a clock that are given, and their places.
+    pub fn kinds(&self) -> impl Iterator<Item = (IntervalVariability, Span)> {
+        self.0
+            .iter()
+            .filter_map(|(name, place, _)| Some((IntervalVariability::parse(name)?, *place)))
     }
 
     pub fn derivatives(&self) -> &[(LitStr, Expression)] {
@@ -414,6 +467,21 @@ fn names(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
     parenthesized!(list in meta.input);
     let names = Punctuated::<LitStr, Token![,]>::parse_terminated(&list)?;
     Ok(OptionValue::Names(names.into_iter().collect()))
+}
+
+/// `(name, name)`, with or without quotes
+fn clocks(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    const EXPECTED: &str = "expected the clocks of the variable, which are fields of this struct, such as `clocks(sample)`";
+    if !meta.input.peek(token::Paren) {
+        return Err(meta.error(EXPECTED));
+    }
+    let list;
+    parenthesized!(list in meta.input);
+    let names = Vec::from_iter(list.parse_terminated(quoted_or_not, Token![,])?);
+    match names.is_empty() {
+        true => Err(meta.error(EXPECTED)),
+        false => Ok(OptionValue::Names(names)),
+    }
 }
 
 /// `= "name"` or `("name", "name")`

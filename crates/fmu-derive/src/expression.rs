@@ -81,6 +81,11 @@ impl Expression {
         })
     }
 
+    /// Whether it depends on the fields of the struct.
+    pub fn uses_self(&self) -> bool {
+        uses_self(self.tokens.clone())
+    }
+
     /// The value of a literal number.
     pub fn number(&self) -> Option<f64> {
         match &self.form {
@@ -138,6 +143,14 @@ pub fn respan(span: Span, tokens: TokenStream) -> TokenStream {
         token
     });
     moved.collect()
+}
+
+fn uses_self(tokens: TokenStream) -> bool {
+    tokens.into_iter().any(|token| match token {
+        TokenTree::Ident(ident) => ident == "self",
+        TokenTree::Group(group) => uses_self(group.stream()),
+        _ => false,
+    })
 }
 
 /// The form of the tokens between brackets.

@@ -42,7 +42,7 @@ fmu_description::types!(types!);
 
 impl Field {
     pub fn new(field: &syn::Field, krate: &TokenStream) -> Result<Self> {
-        let (role, options) = Options::of_field(field)?;
+        let (role, options) = Options::of_field(field, is_clock(&field.ty))?;
         let Some(ident) = field.ident.clone() else {
             return error(field, "expected a field with a name");
         };
@@ -50,7 +50,7 @@ impl Field {
             name: ident_name(&ident),
             description: String::new(),
             deprecated: String::new(),
-            of_type: FmiType::Clock,
+            of_type: FmiType::Boolean,
             row: 0,
             krate: krate.clone(),
             ty: field.ty.clone(),
@@ -114,6 +114,11 @@ impl Field {
 
     pub fn is_variable(&self) -> bool {
         self.role != Role::Nested && self.role.has_rows()
+    }
+
+    /// Whether it is a clock.
+    pub fn is_clock(&self) -> bool {
+        self.of_type == FmiType::Clock
     }
 
     /// Whether it is a variable of this name.
@@ -276,6 +281,11 @@ impl Field {
             of_type != FmiType::Binary,
             "only a Vec<u8> has a MIME type",
         )?;
+        refuse(
+            options.expression("max_size"),
+            of_type != FmiType::Binary,
+            "only a Vec<u8> has a maximum size",
+        )?;
         let is_size = self.role == Role::StructuralParameter;
         refuse(
             Some(&self.ty),
@@ -310,6 +320,14 @@ impl Field {
             is_of_equations && (!is_real || options.has("discrete")),
             "states, derivatives and event indicators are continuous and of type f64",
         )?;
+        let of_equations = options.expression("derivative").is_some()
+            || !options.derivatives().is_empty()
+            || is_of_equations;
+        refuse(
+            options.names("clocks").first(),
+            of_equations,
+            "a variable with clocks changes at their ticks only, and has no part in equations",
+        )?;
         let nominal = options.expression("nominal");
         refuse(nominal, !of_type.is_float(), "only an f64 or f32 has a nominal value")
     }
@@ -329,7 +347,7 @@ pub fn check_positive(expression: Option<&Expression>) -> Result<()> {
 }
 
 /// An error at a place, if there is the place and a mistake.
-fn refuse(place: Option<impl ToTokens>, is_mistake: bool, what: &str) -> Result<()> {
+pub fn refuse(place: Option<impl ToTokens>, is_mistake: bool, what: &str) -> Result<()> {
     match place {
         Some(place) if is_mistake => error(place, what),
         _ => Ok(()),
@@ -372,9 +390,26 @@ fn check_display(display: &LitStr, unit: Option<(&LitStr, Unit)>) -> Result<()> 
     error(display, what)
 }
 
+/// Whether a type is `Clock`, or an array of it.
+fn is_clock(ty: &Type) -> bool {
+    match ungrouped(ty) {
+        Type::Array(array) => is_clock(&array.elem),
+        Type::Path(path) => path.path.segments.last().is_some_and(|last| last.ident == "Clock"),
+        _ => false,
+    }
+}
+
 /// The type of the elements of a variable; a type that is not known is taken for an enumeration, and checked by
 /// the compiler.
 fn fmi_type(ty: &Type) -> Result<FmiType> {
+    if is_clock(ty) {
+        return match ungrouped(ty) {
+            Type::Array(_) => {
+                error(ty, "FMI has no arrays of clocks; expected a field for each Clock")
+            }
+            _ => Ok(FmiType::Clock),
+        };
+    }
     let path = match ungrouped(ty) {
         Type::Array(array) => return fmi_type(&array.elem),
         Type::Path(path) => path.path.segments.last(),

@@ -7,6 +7,7 @@ use syn::spanned::Spanned;
 use syn::{Ident, Lit, LitStr};
 
 use crate::attributes::Role;
+use crate::clock;
 use crate::expression::{Expression, Form, respan};
 use crate::field::Field;
 
@@ -120,7 +121,9 @@ impl Field {
                 true => quote!(Tunable),
                 false => quote!(Fixed),
             },
-            _ if self.of_type.is_float() && !options.has("discrete") => quote!(Continuous),
+            _ if self.of_type.is_float() && !options.has("discrete") && !options.has("clocks") => {
+                quote!(Continuous)
+            }
             _ => quote!(Discrete),
         };
         let dynamics = match (self.role, options.text("of")) {
@@ -154,6 +157,7 @@ impl Field {
             }
             false => quote!(::core::option::Option::None),
         };
+        let clocks = options.names("clocks");
         let depends_on = options.derivatives().iter().map(|(name, _)| name);
         let has_input_derivative = options.has("derivative");
         Some(quote! {
@@ -171,6 +175,7 @@ impl Field {
                 unit: #unit,
                 display_unit: #display_unit,
                 mime_type: #mime_type,
+                clocks: &[#(#clocks),*],
                 initially_from: #initially_from,
                 dynamics: #krate::Dynamics::#dynamics,
                 nominal: #nominal,
@@ -224,6 +229,29 @@ impl Field {
         }
         let place = self.options.expression("derivative")?;
         Some(quote!(_ if index == #first => ::core::option::Option::Some(&mut #place),))
+    }
+
+    /// The arms of `clock_timing`, of clocks whose timing the model calculates.
+    pub fn clock_timing(&self) -> Option<TokenStream> {
+        let krate = &self.krate;
+        if let Some(timing) = self.nested_item(&quote!(clock_timing)) {
+            let count = self.nested_item(&quote!(COUNT));
+            let arms = self.places().into_iter().map(|(place, first)| {
+                quote! {
+                    _ if index.wrapping_sub(#first) < const { #count } => {
+                        #timing(&#place, index.wrapping_sub(#first))
+                    }
+                }
+            });
+            return Some(arms.collect());
+        }
+        let (interval, shift) = clock::calculated(self)?;
+        let first = self.first_scalar();
+        Some(quote! {
+            _ if index == #first => {
+                ::core::option::Option::Some(#krate::Timing { interval: #interval, shift: #shift })
+            }
+        })
     }
 
     /// The arms of `directional_derivative`, with respect to other fields of the struct.
@@ -437,7 +465,11 @@ impl Field {
         let common = match self.of_type {
             of_type if of_type.is_float() => quote!(f64),
             of_type if of_type.is_integer() => quote!(i128),
-            _ => return quote!(None),
+            _ => {
+                let max = self.options.expression("max_size").map(Expression::authored);
+                return max
+                    .map_or(quote!(None), |max| quote!(Size({ let max: usize = #max; max })));
+            }
         };
         let bound = |option, real, whole| match self.options.expression(option) {
             Some(bound) => {
@@ -455,6 +487,10 @@ impl Field {
     /// The type with the start values.
     fn start(&self) -> TokenStream {
         let (krate, values) = (&self.krate, self.values());
+        if self.is_clock() {
+            let clock = clock::row(self);
+            return quote!(#krate::TypedStart::Clock(&#clock));
+        }
         if self.of_type == FmiType::Enumeration {
             let items = self.choice_item(&quote!(ENUMERATION));
             return quote!(#krate::TypedStart::Enumeration(#values, &#items));
@@ -473,9 +509,14 @@ impl Field {
             let check = quote!(#krate::check_bounds(#table, #row, #message));
             respan(max.span(), quote!(const _: () = #check;))
         });
-        let is_checked = min.or(max).is_some() || self.of_type.is_float() && start.is_some();
+        let max_size = self.options.expression("max_size");
+        let is_checked = min.or(max).is_some()
+            || start.is_some() && (self.of_type.is_float() || max_size.is_some());
         let values = is_checked.then(|| {
-            let expected = words::bounds(min, max);
+            let expected = match max_size {
+                Some(max) => format!(" of at most {max} bytes"),
+                None => words::bounds(min, max),
+            };
             let (place, message) = match start {
                 Some(start) => {
                     (start.span(), format!("outside the bounds; expected a start value{expected}"))
@@ -488,7 +529,13 @@ impl Field {
             let check = quote!(#krate::check_start(#table, #row, #message));
             respan(place, quote!(const _: () = #check;))
         });
-        quote!(#order #values)
+        let clock = self.is_clock().then(|| {
+            let resolution = self.options.expression("resolution");
+            let place = resolution.map_or(self.span(), Spanned::span);
+            let check = quote!(#krate::check_clock(#table, #row));
+            respan(place, quote!(const _: () = #check;))
+        });
+        quote!(#order #values #clock)
     }
 
     /// The start values as a constant slice; empty if the model calculates them.

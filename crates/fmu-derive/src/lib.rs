@@ -3,6 +3,7 @@
 
 mod attributes;
 mod choice;
+mod clock;
 mod expression;
 mod field;
 mod generate;

@@ -8,6 +8,7 @@ use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
 
 use crate::attributes::{MODEL, Options, Role, VARIABLES, all_or_errors, error, ident_name};
+use crate::clock;
 use crate::expression::{Expression, respan};
 use crate::field::{Field, check_positive, identifier, length, required_description};
 
@@ -47,12 +48,14 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
             "only a continuous model is integrated; expected `continuous` as well",
         );
     }
+    clock::check_model(&options, &fields)?;
     let logs: Vec<_> = fields.iter().filter(|field| field.role == Role::Log).collect();
     check_logs(&logs)?;
     let fixed: Vec<_> = fields.iter().flat_map(Field::fixed_references).collect();
     let checks = reference_checks(input, &options, &fixed);
+    let clock_checks = clock::model_checks(input, &options, &fields);
     let model = model(input, &options, Some((&name, &description)), &logs, &fixed);
-    Ok(quote!(#variables #model #checks))
+    Ok(quote!(#variables #model #checks #clock_checks))
 }
 
 /// Checks that the host can tell the logs apart.
@@ -150,6 +153,8 @@ fn model(
         (options.has("sample_time") || !rates.is_empty(), !rates.is_empty());
     let continuous = options.span("continuous").filter(|_| !is_stub);
     let is_continuous = continuous.is_some();
+    let clocked = options.span("clocked").filter(|_| !is_stub);
+    let is_clocked = clocked.is_some();
     let step = options.expression("step");
     let is_integrated = is_continuous && step.is_none();
     let is_implicit = options.text("solver").is_some_and(|solver| solver.value() == "implicit");
@@ -163,13 +168,14 @@ fn model(
     let step_size = number("step_size", quote!(0.001));
     let tolerance = number("tolerance", if is_integrated { quote!(1e-6) } else { quote!(0.0) });
     // What the author implements.
-    let author = match continuous {
-        Some(place) => respan(place, quote!(<Self as #krate::Continuous>)),
-        None if has_rates => respan(ident.span(), quote!(<Self as #krate::MultiRate>)),
-        None => respan(ident.span(), quote!(<Self as #krate::Simulate>)),
+    let author = match (continuous, clocked) {
+        (Some(place), _) => respan(place, quote!(<Self as #krate::Continuous>)),
+        (None, Some(place)) => respan(place, quote!(<Self as #krate::Clocked>)),
+        _ if has_rates => respan(ident.span(), quote!(<Self as #krate::MultiRate>)),
+        _ => respan(ident.span(), quote!(<Self as #krate::Simulate>)),
     };
     let step = match (is_continuous, step) {
-        _ if has_rates => quote!(::core::unreachable!("from {time} s by {step} s")),
+        _ if has_rates || is_clocked => quote!(::core::unreachable!("from {time} s by {step} s")),
         (false, _) => quote!(#author::step(self, time, step)),
         (true, Some(function)) => quote!(#function(self, time, step)),
         (true, None) => quote!(::core::unreachable!("from {time} s by {step} s")),
@@ -181,6 +187,9 @@ fn model(
     let result = quote!(::core::result::Result<(), #krate::ModelError>);
     let (generics, arguments, condition) = input.generics.split_for_impl();
     let more = match is_continuous {
+        false if is_clocked => quote! {
+            fn on_clocks(&mut self, time: f64) -> #result { #author::tick(self, time) }
+        },
         false => TokenStream::new(),
         true => quote! {
             #[inline]
@@ -234,6 +243,9 @@ fn model(
     });
     let stepped = match (is_continuous, has_rates) {
         (true, _) => TokenStream::new(),
+        _ if is_clocked => {
+            quote!(impl #generics #krate::Ticked for #ident #arguments #condition {})
+        }
         (_, true) => quote!(impl #generics #krate::Rated for #ident #arguments #condition {}),
         _ => quote!(impl #generics #krate::Stepped for #ident #arguments #condition {}),
     };
@@ -278,6 +290,7 @@ fn model(
             const IS_SAMPLED: bool = #is_sampled;
             const RATES: usize = #count;
             const IS_CONTINUOUS: bool = #is_continuous;
+            const IS_CLOCKED: bool = #is_clocked;
             const IS_INTEGRATED: bool = #is_integrated;
             const IS_IMPLICIT: bool = #is_implicit;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
@@ -326,6 +339,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let is_unserialized = fields.iter().filter_map(Field::is_unserialized);
     let are_finite = fields.iter().filter_map(|field| field.has_finite_outputs(fields));
     let input_derivatives = fields.iter().filter_map(Field::input_derivative);
+    let timings = fields.iter().filter_map(Field::clock_timing);
     let derivatives = fields.iter().map(|field| field.directional_derivatives(fields));
     let copies = saved.map(Field::copy_from);
     let (saves, loads) = (serialized.clone().map(Field::save), serialized.clone().map(Field::load));
@@ -350,6 +364,9 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
             fn has_finite_outputs(&self) -> bool { true #(&& #are_finite)* }
             fn input_derivative(&mut self, index: usize) -> ::core::option::Option<&mut f64> {
                 match index { #(#input_derivatives)* _ => ::core::option::Option::None }
+            }
+            fn clock_timing(&self, index: usize) -> ::core::option::Option<#krate::Timing> {
+                match index { #(#timings)* _ => ::core::option::Option::None }
             }
             fn directional_derivative(&self, unknown: usize, known: usize) -> f64 {
                 match (unknown, known) { #(#derivatives)* _ => 0.0 }
@@ -376,7 +393,12 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     }
     let krate = options.krate();
     let krate = quote!(#krate::derive);
-    let mut fields = all_or_errors(named.named.iter().map(|field| Field::new(field, &krate)))?;
+    let field = |field| {
+        let field = Field::new(field, &krate)?;
+        clock::check(&field)?;
+        Ok(field)
+    };
+    let mut fields = all_or_errors(named.named.iter().map(field))?;
     let mut row = 0;
     for field in &mut fields {
         field.row = row;
@@ -403,6 +425,7 @@ fn check_names(fields: &[Field]) -> Result<()> {
         }
     }
     fields.iter().try_for_each(|field| check_size(field, fields))?;
+    fields.iter().try_for_each(|field| clock::check_clocks(field, fields))?;
     for (name, _) in fields.iter().flat_map(|field| field.options.derivatives()) {
         if !fields.iter().any(|field| field.is_known() && field.is_named(name)) {
             let what = format!("there is no input or state {:?}", name.value());

@@ -27,7 +27,7 @@ pub struct Entry {
     variant: Option<VariantStarts>,
     guid: Guid,
     naming: Naming,
-    /// Whether it has events: samples, or those of its equations. Hosts can then solve it in model exchange.
+    /// Whether it has events: samples, ticks of clocks, or those of its equations. Hosts can then solve it in model exchange.
     has_events: bool,
     create: fn(Settings, Identity) -> Option<Pointer>,
     #[cfg(target_arch = "wasm32")]
@@ -55,6 +55,7 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         description: M::DESCRIPTION,
         is_sampled: M::IS_SAMPLED,
         is_continuous: M::IS_CONTINUOUS,
+        is_clocked: M::IS_CLOCKED,
         has_log: M::HAS_LOG,
         log_categories: M::LOG_CATEGORIES,
         is_unsaved: M::IS_UNSAVED || M::IS_SINGLE_INSTANCE,
@@ -91,7 +92,7 @@ impl Entry {
             variant: VariantStarts::new(interface.overrides),
             guid: guid_of_copy(embedded, &interface),
             naming: interface.naming,
-            has_events: M::IS_SAMPLED || M::IS_CONTINUOUS,
+            has_events: M::IS_SAMPLED || M::IS_CONTINUOUS || M::IS_CLOCKED,
             create: fast::create::<M, N>,
             #[cfg(target_arch = "wasm32")]
             needs: Needs::of::<M, N>(),

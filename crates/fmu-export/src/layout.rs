@@ -5,7 +5,7 @@ use fmu_description::hash::Hash;
 use fmu_description::references::{self, FixedReference, References};
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::table::{Bounds, Declaration, TableRow, TypedStart};
-use fmu_description::{Causality, Dynamics, OwnCategory, Value, Variability};
+use fmu_description::{Causality, Clock, Dynamics, OwnCategory, Value, Variability};
 
 use crate::deprecated::Warn;
 
@@ -289,6 +289,10 @@ impl<const N: usize> Tables<N> {
 
 /// Whether a new value of a variable is an event: of a discrete input or a tunable parameter.
 const fn is_switch(field: &Declaration) -> bool {
+    // A tick is an event, and not the new value with it.
+    if field.is_of_ticks() {
+        return false;
+    }
     match field.causality {
         Causality::Input => !matches!(field.variability, Variability::Continuous),
         Causality::Parameter | Causality::StructuralParameter => {
@@ -475,6 +479,7 @@ macro_rules! access {
                 match field.start {
                     $($(TypedStart::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*)*
                     TypedStart::Enumeration(_, of) => Value::Enumeration((*(of.item)(place)).get().into()),
+                    TypedStart::Clock(_) => Value::Clock((*place.cast::<Clock>()).is_active()),
                 }
             }
         }
@@ -490,6 +495,9 @@ macro_rules! access {
                     $($((TypedStart::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*)*
                     (TypedStart::Enumeration(_, of), Value::Enumeration(item)) => {
                         (*(of.item)(place)).set(item as i32);
+                    }
+                    (TypedStart::Clock(_), Value::Clock(is_active)) => {
+                        (*place.cast::<Clock>()).set_active(is_active);
                     }
                     _ => {}
                 }
@@ -512,6 +520,7 @@ macro_rules! access {
                     TypedStart::Enumeration(values, of) => for i in elements {
                         (*(of.item)(place.byte_add(i * of.size))).set(values[i.min(last)]);
                     },
+                    TypedStart::Clock(_) => {}
                 }
             }
         }
@@ -531,6 +540,7 @@ macro_rules! access {
                     TypedStart::Enumeration(_, of) => for i in elements {
                         hash = (*(of.item)(place.byte_add(i * of.size))).get().add_to(hash);
                     },
+                    TypedStart::Clock(_) => {}
                 }
             }
             hash
@@ -552,6 +562,7 @@ macro_rules! access {
                         let item = (*(of.item)(from.byte_add(i * of.size))).get();
                         (*(of.item)(to.byte_add(i * of.size))).set(item);
                     },
+                    TypedStart::Clock(_) => *to.cast::<Clock>() = *from.cast::<Clock>(),
                 }
             }
         }

@@ -50,6 +50,7 @@
 //! | write messages to the host's logger | [`Log`] |
 //! | test a model without a host | [`testing::Driver`] |
 //! | have several sample times | [`MultiRate`] |
+//! | act at the ticks of clocks | [`Clocked`], [`Clock`] |
 //!
 //! # How it works
 //!
@@ -135,15 +136,15 @@ pub use fmi_abi::fmi2_functions as functions_of_fmi2;
 pub use fmi_abi::fmi3_functions as functions_of_fmi3;
 #[doc(inline)]
 pub use fmu_derive::{Choice, Model, Variables};
-pub use fmu_description::{Choice, Variables};
+pub use fmu_description::{Choice, Clock, Variables};
 #[doc(hidden)]
 pub use fmu_description::{derive, interface as embedded};
 #[doc(hidden)]
 pub use laid_out::table_size;
 pub use log::Log;
 #[doc(hidden)]
-pub use model::{Behavior, Rated, Stepped};
-pub use model::{Continuous, Model, MultiRate, Simulate, Start};
+pub use model::{Behavior, Rated, Stepped, Ticked};
+pub use model::{Clocked, Continuous, Model, MultiRate, Simulate, Start};
 #[doc(hidden)]
 #[cfg(all(feature = "fmi3", not(feature = "fmi2")))]
 pub use no_functions as functions_of_fmi2;
@@ -156,8 +157,8 @@ pub use single_instance::SingleInstance;
 /// What a model needs: `use fmu_export::prelude::*;`.
 pub mod prelude {
     pub use crate::{
-        Choice, Context, Continuous, Log, Model, ModelError, MultiRate, Simulate, Start, Variables,
-        export,
+        Choice, Clock, Clocked, Context, Continuous, Log, Model, ModelError, MultiRate, Simulate,
+        Start, Variables, export,
     };
 }
 

@@ -33,6 +33,8 @@ pub trait Model: Variables + Behavior {
     const RATES: usize = 0;
     /// Whether it is [`Continuous`].
     const IS_CONTINUOUS: bool = false;
+    /// Whether it is [`Clocked`].
+    const IS_CLOCKED: bool = false;
     /// Whether its equations are integrated in co-simulation: it has no step of its own.
     const IS_INTEGRATED: bool = false;
     /// Whether they are integrated by the implicit method.
@@ -60,7 +62,7 @@ pub trait Model: Variables + Behavior {
     }
 }
 
-/// What a model does, whether its author implements [`Simulate`], [`MultiRate`] or [`Continuous`]; implemented by
+/// What a model does, whether its author implements [`Simulate`], [`MultiRate`], [`Clocked`] or [`Continuous`]; implemented by
 /// `#[derive(Model)]`. Functions that the model does not have do nothing.
 #[doc(hidden)]
 #[allow(unused_variables, reason = "the names document the arguments")]
@@ -78,11 +80,16 @@ pub trait Behavior: Any {
         Ok(())
     }
 
+    /// Acts at the ticks of all clocks that are active at `time`.
+    fn on_clocks(&mut self, time: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+
     fn on_initialize(&mut self, start: &Start) -> Result<(), ModelError>;
 
     fn on_reconfigure(&mut self) -> Result<(), ModelError>;
 
-    /// Not called if the model is integrated, or has several rates.
+    /// Not called if the model is integrated, has several rates, or is clocked.
     fn on_step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
 
     fn on_evaluate(&mut self, time: f64) -> Result<(), ModelError> {
@@ -232,6 +239,96 @@ pub trait MultiRate: Rated {
     }
 }
 
+/// A model with `#[model(clocked)]`, implemented by `#[derive(Model)]`.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not clocked",
+    label = "expected a struct with #[derive(Model)] and `clocked`",
+    note = "write `#[model(clocked)]`, and a field of the type `Clock`"
+)]
+pub trait Ticked: Model {}
+
+/// What a model does that acts only at the ticks of its clocks, instead of [`Simulate`].
+///
+/// Its clocks are fields of the type [`Clock`](crate::Clock), of the model and of its nested structs. Clocks, and the
+/// variables that change at their ticks, exist in FMI 3.0 only.
+///
+/// ```
+/// use fmu_export::prelude::*;
+///
+/// /// Controller that receives the angle as a message
+/// #[derive(Model)]
+/// #[model(clocked)]
+/// pub struct Node {
+///     /// ticks when an angle has arrived
+///     #[input]
+///     received: Clock,
+///     /// measured angle
+///     #[input(clocks(received), unit = "rad")]
+///     angle: f64,
+///     /// ticks every sample time
+///     #[input(calculated, interval = self.ts)]
+///     sample: Clock,
+///     /// ticks when the force is to be sent
+///     #[output]
+///     sent: Clock,
+///     /// force
+///     #[output(clocks(sent), unit = "N")]
+///     force: f64,
+///     /// sample time
+///     #[parameter(start = 0.001, min = 1e-6, unit = "s")]
+///     ts: f64,
+///     last: f64,
+/// }
+///
+/// impl Clocked for Node {
+///     fn tick(&mut self, _time: f64) -> Result<(), ModelError> {
+///         if self.received.is_active() {
+///             self.last = self.angle;
+///         }
+///         if self.sample.is_active() {
+///             self.force = -300.0 * self.last;
+///             self.sent = Clock::TICK;
+///         }
+///         Ok(())
+///     }
+/// }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not say what it does at ticks",
+    note = "with `#[model(clocked)]`, write `impl Clocked` for it, with a function `tick`"
+)]
+#[allow(unused_variables, reason = "the names document the arguments")]
+pub trait Clocked: Ticked {
+    /// As [`Simulate::initialize`]. It assigns [`Clock::after`](crate::Clock::after) to clocks of kind `changing`, and may
+    /// to those of kind `countdown`; no clock is active.
+    ///
+    /// # Errors
+    /// The parameters are inconsistent, or a resource cannot be read.
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// As [`Simulate::reconfigure`].
+    ///
+    /// # Errors
+    /// The model cannot continue with these sizes.
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Acts at the ticks of all input clocks that are active at `time` (s), and assigns
+    /// [`Clock::TICK`](crate::Clock::TICK) to the output clocks that tick then, too. It is called once for an instant,
+    /// and may be called again at the same time, for ticks that follow from those of its outputs. In scheduled
+    /// execution, one input clock is active, whose model partition the host activates.
+    ///
+    /// Afterwards, all clocks are inactive. Variables keep their values.
+    ///
+    /// # Errors
+    /// As those of [`Simulate::step`].
+    fn tick(&mut self, time: f64) -> Result<(), ModelError>;
+}
+
 /// The equations of a model with `#[model(continuous)]`: what it does, instead of [`Simulate`].
 ///
 /// Its states are the variables with the option `state`, their derivatives the fields with
@@ -271,7 +368,8 @@ pub trait Continuous: Model {
     fn evaluate(&mut self, time: f64) -> Result<(), ModelError>;
 
     /// Handles an event at `time` (s): the start, a [`next_event`](Self::next_event), a sign change of an event
-    /// indicator, or a new value of a discrete input or a tunable parameter. It may change states.
+    /// indicator, a new value of a discrete input or a tunable parameter, or ticks of its clocks, which are then active.
+    /// It may change states, and assign [`Clock::TICK`](crate::Clock::TICK) to output clocks.
     ///
     /// [`evaluate`](Self::evaluate) was called for this time and these inputs before; it may have failed.
     ///

@@ -1,6 +1,7 @@
 //! From the struct of a model to its copy in the binary, its XML, and back: what one layer writes, the next
 //! reads.
 
+mod clocks;
 mod format;
 mod models;
 
