@@ -39,6 +39,8 @@ pub mod hash;
 pub mod interface;
 pub mod location;
 #[cfg(feature = "xml")]
+mod mime_type;
+#[cfg(feature = "xml")]
 pub mod model;
 mod naming;
 mod number;
@@ -73,6 +75,8 @@ pub use exported::ExportedModel;
 pub use fmi_abi::{FmiVersion, InterfaceType};
 #[cfg(feature = "table")]
 pub use interface::{Interface, StartOverrides};
+#[cfg(feature = "xml")]
+pub use mime_type::MimeType;
 #[cfg(feature = "xml")]
 pub use model::{ModelDescription, Unknown, XmlVariable};
 pub use number::Number;

@@ -184,6 +184,19 @@ impl Variable {
         self.bounds().contain(value)
     }
 
+    /// Checks that a value of a Binary has at most the largest size.
+    ///
+    /// # Errors
+    /// It is larger; both sizes.
+    pub fn check_size(&self, value: &Value) -> Result<(), String> {
+        match (value, self.max_size) {
+            (Value::Binary(bytes), Some(max)) if bytes.len() > max => {
+                Err(format!("{} bytes, expected at most {max}", bytes.len()))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Describes the values that the variable may have, for error messages.
     pub fn expected(&self) -> String {
         match self.of_type {

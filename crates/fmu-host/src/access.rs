@@ -1,5 +1,6 @@
 //! Access to variables of all types, by the functions of their types.
 
+use std::borrow::Borrow;
 use std::ffi::CString;
 
 use fmu_description::{Type, Value};
@@ -52,8 +53,14 @@ macro_rules! access {
             /// # Errors
             /// As for every call, for Clocks, which are not supported, and if a whole number does not
             /// fit the type.
-            pub fn set_values(&mut self, of_type: Type, r: &[u32], values: &[Value]) -> Result {
-                let (kind, i, values) = (of_type.accessed_as(self.version()), self, values.iter());
+            pub fn set_values(
+                &mut self,
+                of_type: Type,
+                r: &[u32],
+                values: &[impl Borrow<Value>],
+            ) -> Result {
+                let (kind, i) = (of_type.accessed_as(self.version()), self);
+                let values = values.iter().map(Borrow::borrow);
                 match kind {
                     $(Type::$real => {
                         let own = values.map(|value| value.as_real().unwrap_or_default() as $real_type);

@@ -1,6 +1,7 @@
 //! A component in one run: the calls of its FMU, and the transfer of values between its variables and the store. Runs in
 //! the worker process.
 
+use std::borrow::Borrow;
 use std::fmt::Display;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +17,8 @@ use crate::event_mode::EventMode;
 use crate::integrator::Integrator;
 use crate::recorded_instance::{IntegrationError, IntegrationResult, RecordedInstance, functions};
 use crate::start::ComponentStarts;
-use crate::store::{Store, Transfer, number};
+use crate::store::{Place, Store, Transfer, number};
+use crate::table::excerpt;
 use crate::table_inputs::TableInputs;
 use crate::table_parameters::TableParameters;
 use crate::wiring::{FeedingOutputs, VariableGroup};
@@ -463,17 +465,40 @@ impl<'a> ComponentInstance<'a> {
             if inputs.references.is_empty() {
                 continue;
             }
-            let mut values = std::mem::take(&mut self.others[index]);
-            for (position, source) in inputs.positions.iter().zip(&group.sources) {
-                values[*position] = match source.conversion {
-                    Some(conversion) => {
-                        Value::Float64(conversion.apply(outputs.number(source.place)))
-                    }
-                    None => outputs.value(source.place),
-                };
+            let mut own = std::mem::take(&mut self.others[index]);
+            let sources = inputs.positions.iter().zip(&group.sources);
+            for (position, source) in sources.clone() {
+                if source.conversion.is_some() || matches!(source.place, Place::Real(_)) {
+                    let value = outputs.number(source.place);
+                    let converted = source.conversion.map(|conversion| conversion.apply(value));
+                    own[*position] = Value::Float64(converted.unwrap_or(value));
+                }
+            }
+            // The others are set from where they are, which may be large.
+            let mut values = Vec::from_iter(&own);
+            for (position, source) in sources {
+                if let (None, Place::Other(place)) = (source.conversion, source.place) {
+                    values[*position] = &outputs.others[place];
+                }
+            }
+            if group.access_type == Type::Binary {
+                self.check_sizes(group, &values)?;
             }
             self.set(group.access_type, group.set, inputs, &values)?;
-            self.others[index] = values;
+            self.others[index] = own;
+        }
+        Ok(())
+    }
+
+    /// Checks that no Binary is larger than its input allows.
+    fn check_sizes(&self, group: &VariableGroup, values: &[&Value]) -> CallResult {
+        let AccessList { scalars, positions, .. } = &group.inputs;
+        for ((scalar, position), source) in scalars.iter().zip(positions).zip(&group.sources) {
+            let checked = self.fmu.variable(*scalar).check_size(values[*position]);
+            if let (Some(connection), Err(found)) = (&source.sized, checked) {
+                let error = self.error("", connection.clone(), "the Binary is too large".into());
+                return Err(Box::new(RunError { reason: Some(found), ..error }));
+            }
         }
         Ok(())
     }
@@ -484,7 +509,7 @@ impl<'a> ComponentInstance<'a> {
         access_type: Type,
         set: Option<Function>,
         scalars: &AccessList,
-        values: &[Value],
+        values: &[impl Borrow<Value>],
     ) -> CallResult {
         self.recorded.calls.begin(set);
         let outcome = self.recorded.instance.set_values(access_type, &scalars.references, values);
@@ -509,13 +534,14 @@ impl<'a> ComponentInstance<'a> {
         &mut self,
         outcome: fmu_host::Result,
         inputs: &AccessList,
-        values: &[Value],
+        values: &[impl Borrow<Value>],
     ) -> CallResult {
         let pairs = inputs.scalars.iter().zip(&inputs.positions);
         let texts = pairs.map(|(scalar, position)| {
             let name = self.fmu.name(*scalar);
-            match &values[*position] {
+            match values[*position].borrow() {
                 Value::String(text) => format!("{name} = {text:?}"),
+                Value::Binary(bytes) => format!("{name} = {}", excerpt(bytes)),
                 value => format!("{name} = {value}"),
             }
         });

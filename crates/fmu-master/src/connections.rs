@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{Causality, Type};
+use fmu_description::{Causality, MimeType, Type};
 
 use crate::components::{Components, LoadedComponent, ScalarId};
 use crate::{Connection, Conversion, Description, Fault};
@@ -70,10 +70,12 @@ fn check(components: &[LoadedComponent], connections: &[ResolvedConnection]) -> 
             from.of_type.name(from_fmu.version),
             to.of_type.name(to_fmu.version)
         );
-        ensure!(
-            from.of_type != Type::String,
-            "{a} is a String; connections carry numbers and Booleans"
-        );
+        if let (Some(one), Some(other)) = (&from.mime_type, &to.mime_type) {
+            ensure!(
+                MimeType::fits(one, other),
+                "{a} ({one}) cannot feed {b} ({other}): the MIME types differ"
+            );
+        }
         ensure!(
             conversion.is_none() || from.of_type.is_float(),
             "{a} cannot feed {b} with a factor: both must be real numbers"

@@ -222,21 +222,13 @@ impl Fmu {
         self.variable(scalar).of_type.accessed_as(self.version)
     }
 
-    /// Why the master cannot record a scalar, if so.
-    pub(crate) fn unrecordable(&self, scalar: usize) -> Option<&'static str> {
+    /// Why the master can neither record, connect nor set a scalar, if so.
+    pub(crate) fn unusable(&self, scalar: usize) -> Option<&'static str> {
         if self.variable(scalar).of_type == Type::Clock {
             return Some("clocks are not supported");
         }
         let is_clocked = self.clocked.contains(&self.scalars[scalar].variable);
         is_clocked.then_some("clocked variables are not supported")
-    }
-
-    /// Why the master can neither connect nor set a scalar, if so.
-    pub(crate) fn unusable(&self, scalar: usize) -> Option<&'static str> {
-        match self.variable(scalar).of_type {
-            Type::Binary => Some("a Binary can only be recorded"),
-            _ => self.unrecordable(scalar),
-        }
     }
 
     /// The index of a scalar, if there is one of this name.

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability, Variable};
 
 use crate::components::{Components, ScalarId};
@@ -11,7 +11,7 @@ use crate::connections::{ResolvedConnection, with_article};
 use crate::given_inputs::GivenInputs;
 use crate::literal::expected_item;
 use crate::store::{Place, Store, number};
-use crate::table::{self, Column, Series};
+use crate::table::{self, Cell, Column, Series};
 use crate::{Fmu, Stimuli};
 
 /// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are
@@ -148,7 +148,7 @@ impl InputTable {
             let (to, series) = column?;
             let name = &series.name;
             let variable = to.variable(components);
-            if let Some(reason) = to.fmu(components).unrecordable(to.scalar) {
+            if let Some(reason) = to.fmu(components).unusable(to.scalar) {
                 bail!("{name} cannot be set: {reason}");
             }
             check_changes(name, variable)?;
@@ -281,7 +281,7 @@ fn without_fraction(text: String) -> String {
 pub(crate) fn values(series: &Series, input: &Variable, first: usize) -> Result<Vec<Value>> {
     let (name, kind) = (&series.name, input.of_type);
     let column = Column::new(name, "", kind);
-    let cells = series.cells.iter().zip(first..).map(|(cell, row)| {
+    let typed = |cell: &Cell, row: usize| {
         match cell {
             // Most programs write an empty string as an empty field.
             None if kind == Type::String => return Ok(Value::String(String::new())),
@@ -311,6 +311,12 @@ pub(crate) fn values(series: &Series, input: &Variable, first: usize) -> Result<
                 bail!("row {row}: {name} is {}, expected a finite number", text.unwrap_or_default())
             }
         }
+    };
+    let cells = series.cells.iter().zip(first..).map(|(cell, row)| {
+        let value = typed(cell, row)?;
+        let sized = input.check_size(&value);
+        sized.map_err(|found| anyhow!("row {row}: {name} has {found}"))?;
+        Ok(value)
     });
     cells.collect()
 }

@@ -25,6 +25,8 @@ pub enum Literal {
     Text(String),
     /// The values of an array, row by row.
     Array(Vec<Self>),
+    /// Bytes, which only programs give; in files, they are a text of hexadecimal digits.
+    Bytes(Vec<u8>),
 }
 
 /// Reads a value of a file and converts it, so that an error names its line.
@@ -109,6 +111,7 @@ impl fmt::Display for Literal {
             Self::Integer(value) => value.fmt(f),
             Self::Real(value) => write!(f, "{value:?}"),
             Self::Text(value) => write!(f, "{value:?}"),
+            Self::Bytes(bytes) => write!(f, "\"{}\"", table::excerpt(bytes)),
             Self::Array(values) => {
                 let mut list = f.debug_list();
                 for value in values.iter().take(SHOWN) {
@@ -184,6 +187,8 @@ impl Literal {
             (Type::String, Self::Text(text)) => {
                 (!text.contains('\0')).then(|| Value::String(text.clone()))
             }
+            (Type::Binary, Self::Bytes(bytes)) => Some(Value::Binary(bytes.clone())),
+            (Type::Binary, Self::Text(text)) => variable.value(text),
             (Type::Enumeration, Self::Text(text)) => variable.value(text),
             (Type::Enumeration, Self::Integer(number)) => variable.value(&number.to_string()),
             (kind, _) if kind.is_float() => self.real().and_then(|real| Value::real(kind, real)),
@@ -191,7 +196,9 @@ impl Literal {
             (kind, Self::Text(text)) => text.parse().ok().and_then(|n| Value::whole(kind, n)),
             _ => None,
         };
-        typed.ok_or_else(|| self.refusal(variable, name))
+        let typed = typed.ok_or_else(|| self.refusal(variable, name))?;
+        variable.check_size(&typed).map_err(|found| anyhow!("{name} has {found}"))?;
+        Ok(typed)
     }
 
     /// As [`Literal::typed`], of a value that says by itself whether it is a text: a text is no number.
@@ -223,7 +230,7 @@ impl Literal {
             Self::Real(value) => Some(*value),
             Self::Integer(value) => Some(*value as f64),
             Self::Text(text) => text.parse().ok(),
-            Self::Boolean(_) | Self::Array(_) => None,
+            Self::Boolean(_) | Self::Array(_) | Self::Bytes(_) => None,
         }
     }
 }
@@ -233,7 +240,6 @@ pub(crate) fn refusal(variable: &Variable, name: &str, shown: &str, text: &str) 
     let expected = match variable.of_type {
         Type::Int32 => "a 32-bit integer".into(),
         Type::String => "a quoted string without null bytes".into(),
-        Type::Binary => "nothing, as a Binary cannot be set".into(),
         Type::Enumeration => expected_item(variable, text),
         _ => variable.expected(),
     };

@@ -410,7 +410,7 @@ fn recorded(components: &Components, names: &[String]) -> Result<Vec<(ScalarId, 
             let variable = id.variable(components);
             variable.causality == Causality::Output
                 && !matches!(variable.of_type, Type::String | Type::Binary)
-                && unrecordable(components, id).is_none()
+                && unusable(components, id).is_none()
         };
         let recorded = components.scalars().filter(is_recorded);
         return Ok(recorded.map(|id| (id, id.name(components))).collect());
@@ -421,7 +421,7 @@ fn recorded(components: &Components, names: &[String]) -> Result<Vec<(ScalarId, 
         let LoadedComponent { prefix, fmu, .. } = &components[component];
         for scalar in scalars {
             let id = ScalarId { component, scalar };
-            if let Some(reason) = unrecordable(components, &id) {
+            if let Some(reason) = unusable(components, &id) {
                 bail!("{name} cannot be recorded: {reason}");
             }
             let name = format!("{prefix}{}", fmu.name_as(&name[prefix.len()..], scalar));
@@ -468,7 +468,7 @@ fn notes(components: &Components, recorded: &[ScalarId]) -> Vec<Note> {
     }));
     if recorded.is_empty() {
         let mut all =
-            Vec::from_iter(components.scalars().filter(|p| unrecordable(components, p).is_none()));
+            Vec::from_iter(components.scalars().filter(|p| unusable(components, p).is_none()));
         all.sort_by_key(|id| id.variable(components).causality != Causality::Output);
         let recordable = all.iter().take(NAMED).map(|id| {
             let kind = id.variable(components).of_type;
@@ -481,6 +481,6 @@ fn notes(components: &Components, recorded: &[ScalarId]) -> Vec<Note> {
     notes
 }
 
-fn unrecordable(components: &[LoadedComponent], id: &ScalarId) -> Option<&'static str> {
-    id.fmu(components).unrecordable(id.scalar)
+fn unusable(components: &[LoadedComponent], id: &ScalarId) -> Option<&'static str> {
+    id.fmu(components).unusable(id.scalar)
 }

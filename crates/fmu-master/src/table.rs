@@ -18,7 +18,7 @@ mod rows;
 mod write;
 
 pub use column::{Cell, Column, Format, Series};
-pub(crate) use column::{boolean, expected};
+pub(crate) use column::{boolean, excerpt, expected};
 pub use compare::{Difference, Tolerance, compare};
 pub use csv::{fields, header, parse, push_line};
 pub use parquet::{ParquetWriter, write_parquet};

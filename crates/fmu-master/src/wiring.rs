@@ -84,6 +84,8 @@ pub(crate) struct InputSource {
     /// The place in the store of the output, the column, or the value that a connection with faults delivers.
     pub(crate) place: Place,
     pub(crate) conversion: Option<Conversion>,
+    /// The names of the ends of the connection, or of the input alone, if the input is a Binary with a largest size.
+    pub(crate) sized: Option<String>,
 }
 
 /// Outputs of one component and type that feed another component.
@@ -246,7 +248,9 @@ impl Wiring {
             let component = Some(from.component);
             let group = VariableGroup::entry(&mut groups, components, *to);
             group.inputs.push(to.fmu(components), to.scalar);
-            group.sources.push(InputSource { component, place, conversion: *conversion });
+            let connection = || format!("{} -> {}", from.name(components), to.name(components));
+            let sized = to.variable(components).max_size.map(|_| connection());
+            group.sources.push(InputSource { component, place, conversion: *conversion, sized });
             let feeding = FeedingOutputs::entry(&mut feeding[to.component], components, *from);
             feeding.outputs.push(from.fmu(components), from.scalar);
             feeding.places.push(place);
@@ -255,7 +259,8 @@ impl Wiring {
             let group = VariableGroup::entry(&mut groups, components, id);
             let place = Place::next(group.access_type, &mut counts);
             group.inputs.push(id.fmu(components), id.scalar);
-            group.sources.push(InputSource { component: None, place, conversion: None });
+            let sized = id.variable(components).max_size.map(|_| id.name(components));
+            group.sources.push(InputSource { component: None, place, conversion: None, sized });
             place
         };
         let table = input.iter().flat_map(|input| &input.inputs).map(|column| column.to);

@@ -151,6 +151,7 @@ pub fn literal(value: &Bound<'_, PyAny>) -> PyResult<Literal> {
     Ok(match from_python(value)? {
         Value::Boolean(value) => Literal::Boolean(value),
         Value::String(text) => Literal::Text(text),
+        Value::Binary(bytes) => Literal::Bytes(bytes),
         number => match (number.as_whole(), number.as_real()) {
             (Some(whole), _) => Literal::Integer(whole),
             (_, Some(real)) => Literal::Real(real),

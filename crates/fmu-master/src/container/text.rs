@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use anyhow::{Result, ensure};
+use fmu_description::Value;
 
 use crate::{Component, Connection, Description, Literal, Order};
 
@@ -74,6 +75,7 @@ fn literal(value: &Literal) -> String {
         Literal::Integer(value) => quoted(&value.to_string()),
         Literal::Real(value) => format!("{value:?}").to_lowercase(),
         Literal::Text(text) => quoted(text),
+        Literal::Bytes(bytes) => quoted(&Value::Binary(bytes.clone()).to_string()),
         Literal::Array(all) => {
             format!("[{}]", Vec::from_iter(all.iter().map(literal)).join(", "))
         }

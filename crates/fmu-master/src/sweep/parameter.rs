@@ -232,7 +232,9 @@ fn listed(written: Vec<Literal>) -> Result<Vec<Value>> {
             .with_context(|| format!("the value {number}, expected {}", expected(kind))),
         Literal::Real(number) => Ok(Value::Float64(number)),
         Literal::Text(text) => Ok(Value::String(text)),
-        Literal::Array(_) => bail!("expected a number, true, false or a quoted string"),
+        Literal::Bytes(_) | Literal::Array(_) => {
+            bail!("expected a number, true, false or a quoted string")
+        }
     });
     let values = values.collect::<Result<Vec<_>>>()?;
     let first = values.first();

@@ -78,6 +78,18 @@ impl Column {
     }
 }
 
+/// The hexadecimal digits of bytes, in a message that need not have all.
+pub(crate) fn excerpt(bytes: &[u8]) -> String {
+    /// The number of bytes that a message shows.
+    const SHOWN: usize = 16;
+    match bytes.get(..SHOWN) {
+        Some(first) if bytes.len() > SHOWN => {
+            format!("{}... ({} bytes)", Value::Binary(first.to_vec()), bytes.len())
+        }
+        _ => Value::Binary(bytes.to_vec()).to_string(),
+    }
+}
+
 /// What the values of a type are, in words.
 pub(crate) fn expected(kind: Type) -> String {
     let (min, max) = kind.range();

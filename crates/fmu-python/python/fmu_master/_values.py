@@ -31,9 +31,11 @@ def toml(value: Any) -> str:
             return str(int(number))
         case float() as number:
             return repr(float(number))
+        case bytes() | bytearray():
+            return json.dumps(bytes(value).hex())
         case str() | os.PathLike():
             return json.dumps(os.fspath(value), ensure_ascii=False).replace("\x7f", "\\u007F")
-    raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
+    raise TypeError(f"{value!r} is no value of a system, expected a number, bool, str or bytes")
 
 
 def document(keys: Mapping[str, Any], tables: str = "") -> str:
@@ -72,9 +74,18 @@ def columns(table: Any) -> dict[str, Any]:
 
 
 def array(values: Any) -> np.ndarray:
-    """Return an array; of objects, if some are whole numbers that a float would round."""
+    """Return an array; of objects, if NumPy would change values.
+
+    It rounds whole numbers among floats, cuts zeros from bytes, and makes texts of all by a text.
+    """
     found = np.asarray(values)
-    if hasattr(values, "dtype") or found.dtype.kind != "f":
+    if hasattr(values, "dtype"):
+        return found
+    if found.dtype.kind == "S" or (
+        found.dtype.kind == "U" and any(isinstance(value, bytes | float | int) for value in values)
+    ):
+        return np.asarray(values, object)
+    if found.dtype.kind != "f":
         return found
     whole = [value for value in values if isinstance(value, int)]
     if whole and len(whole) == len(values):
