@@ -2,6 +2,7 @@
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
+use core::fmt;
 
 use crate::operation::*;
 use crate::read::operations;
@@ -28,27 +29,43 @@ const INSTANT: f64 = 1e-9;
 /// `send` with the number of the node.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "fmi",
+    derive(fmu_derive::Variables),
+    variables(crate = fmu_description, default)
+)]
 pub struct Bus {
-    /// Baud rate if no node configures one (bit/s).
+    /// Baud rate in bit/s if no node configures one.
+    #[cfg_attr(feature = "fmi", parameter(start = 500_000, min = 1))]
     pub baud_rate: u32,
-    /// Baud rate of the data of CAN FD if no node configures one (bit/s).
+    /// Baud rate of the data of CAN FD in bit/s if no node configures one.
+    #[cfg_attr(feature = "fmi", parameter(start = 2_000_000, min = 1))]
     pub fd_baud_rate: u32,
-    /// Probability that a frame fails, at most 1.
+    /// Probability that a frame fails.
+    #[cfg_attr(feature = "fmi", parameter(tunable, min = 0, max = 1, unit = "1"))]
     pub loss: f64,
     /// Seed of the failures.
+    #[cfg_attr(feature = "fmi", parameter)]
     pub seed: u64,
     /// How often the bus transmits a frame again that has failed.
+    #[cfg_attr(feature = "fmi", parameter(tunable))]
     pub retransmissions: u32,
-    /// Whether nodes get `Confirm`, `ArbitrationLost` and `BusError`.
+    /// Whether nodes get confirmations, and notice of errors and lost arbitrations.
+    #[cfg_attr(feature = "fmi", parameter(start = true))]
     pub notifications: bool,
+    /// Number of frames that were transmitted, also of those that have failed.
+    #[cfg_attr(feature = "fmi", output(discrete, initially_from()))]
+    pub transmitted: u64,
+    /// Number of frames that have failed.
+    #[cfg_attr(feature = "fmi", output(discrete, initially_from()))]
+    pub failed: u64,
+    /// How long frames have occupied the bus, with the bits between them (s).
+    #[cfg_attr(feature = "fmi", output(discrete, initially_from(), unit = "s"))]
+    pub busy: f64,
     nodes: Vec<Node>,
     transmission: Option<Transmission>,
     /// When the bus is free for the next frame (s).
     free_at: f64,
-    /// The number of frames that were transmitted, also those that have failed.
-    transmitted: u64,
-    /// How long the bus was occupied (s).
-    busy: f64,
 }
 
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -108,17 +125,28 @@ impl Bus {
             seed: 0,
             retransmissions: 0,
             notifications: true,
+            transmitted: 0,
+            failed: 0,
+            busy: 0.0,
             nodes: (0..nodes).map(|_| Node::default()).collect(),
             transmission: None,
             free_at: f64::NEG_INFINITY,
-            transmitted: 0,
-            busy: 0.0,
         }
     }
 
-    /// The number of nodes.
-    pub fn nodes(&self) -> usize {
-        self.nodes.len()
+    /// Begin anew with so many nodes, at the same settings.
+    pub fn reset(&mut self, nodes: usize) {
+        let Self { baud_rate, fd_baud_rate, loss, seed, retransmissions, notifications, .. } =
+            *self;
+        *self = Self {
+            baud_rate,
+            fd_baud_rate,
+            loss,
+            seed,
+            retransmissions,
+            notifications,
+            ..Self::new(nodes)
+        };
     }
 
     /// Take the operations that a node, by its number from 0, has sent at the time `now` (s).
@@ -203,11 +231,6 @@ impl Bus {
         self.transmission.as_ref().map(|present| present.end)
     }
 
-    /// How long the bus was occupied by frames that have ended, with the bits between frames (s).
-    pub fn busy_time(&self) -> f64 {
-        self.busy
-    }
-
     /// Two nodes that have configured different baud rates.
     pub fn mismatch(&self) -> Option<BaudRateMismatch> {
         self.rates(|node| node.baud_rate).err().or(self.rates(|node| node.fd_baud_rate).err())
@@ -282,6 +305,7 @@ impl Bus {
         self.free_at = ended.free_at;
         self.busy += ended.free_at - ended.start;
         self.transmitted += 1;
+        self.failed += u64::from(ended.error.is_some());
         let sender = ended.sender;
         let Some(mut queued) = self.nodes[sender].queue.pop_front() else { return };
         let id = queued.id.value();
@@ -314,6 +338,14 @@ pub struct BaudRateMismatch {
     pub nodes: [usize; 2],
     /// Their baud rates (bit/s).
     pub rates: [u32; 2],
+}
+
+impl fmt::Display for BaudRateMismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { nodes: [first, other], rates: [rate, different] } = self;
+        let (first, other) = (first + 1, other + 1);
+        write!(f, "node {first} is configured for {rate} bit/s, node {other} for {different} bit/s")
+    }
 }
 
 /// The bits from the identifier to the second RTR, as a number: the lower one wins.

@@ -21,22 +21,33 @@
 //!
 //! [`Bus`] is the bus between them: arbitration, baud rates, the bits of frames, losses.
 //!
-//! The layout of operations is that of version 1 of the standard: each operation begins with its code and its length, 4 bytes each,
-//! and all numbers are little endian. To read and to write operations
-//! allocates nothing but in the buffer of the caller, and no bytes cause a panic.
+//! The layout of operations is that of version 1 of the standard: each begins with its code and its length, 4 bytes
+//! each, and all numbers are little endian. To read and to write operations allocates nothing but in the buffer of the
+//! caller, and no bytes cause a panic.
+//!
+//! # Features
+//!
+//! - `fmi`: `CanNode` and `Port` derive `Variables`, so that a model becomes a node of a bus, or a bus, by `#[nested]`.
+//! - `serde`: the state of a [`Bus`] can be saved, so that it can be a field of a model.
 #![no_std]
 #![forbid(unsafe_code)]
 
 extern crate alloc;
 
 mod bus;
+mod error_state;
 mod operation;
+#[cfg(feature = "fmi")]
+mod port;
 mod read;
 mod timing;
 mod write;
 
 pub use bus::*;
+pub use error_state::*;
 pub use operation::*;
+#[cfg(feature = "fmi")]
+pub use port::*;
 pub use read::*;
 pub use timing::*;
 pub use write::*;

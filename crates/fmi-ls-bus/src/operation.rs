@@ -184,6 +184,7 @@ numbered! {
 numbered! {
     /// What becomes of a frame that has lost the arbitration.
     #[derive(Default)]
+    #[cfg_attr(feature = "fmi", derive(fmu_derive::Choice), choice(crate = fmu_description))]
     ArbitrationLostBehavior, "Arbitration Lost Behavior", "1 or 2" {
         /// The bus keeps the frame, and transmits it as soon as it can.
         #[default]
