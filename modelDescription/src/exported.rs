@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, HashMap};
 use anyhow::{Result, bail};
 use serde::Deserialize;
 
-use crate::variable::Variable;
-use crate::{ClockType, InterfaceType, Naming, Type};
+use crate::references::first_sample_clock;
+use crate::variable::{ExportInfo, Variable};
+use crate::{Causality, ClockType, InterfaceType, IntervalVariability, Naming, Type, Variability};
 
 /// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
 /// a binary has its fields in this order.
@@ -45,6 +46,10 @@ pub struct ExportedModel {
     /// Whether it acts only at the ticks of its clocks. It is part of the supplement of a copy.
     #[serde(skip)]
     pub is_clocked: bool,
+    /// Whether its samples are model partitions with clocks of their own, so that it is for scheduled execution only. It
+    /// is part of the supplement of a copy.
+    #[serde(skip)]
+    pub has_sample_clocks: bool,
     /// Start time of the default experiment (s). It is no part of the copy in a binary, as those below.
     #[serde(skip)]
     pub start_time: f64,
@@ -64,6 +69,8 @@ pub struct ExportedModel {
 pub(crate) struct Supplement {
     /// See [`ExportedModel::is_clocked`].
     is_clocked: bool,
+    /// See [`Interface::sample_clocks`](crate::Interface::sample_clocks).
+    sample_clocks: Vec<String>,
     variables: Vec<SupplementedVariable>,
 }
 
@@ -86,6 +93,47 @@ impl ExportedModel {
                 (variable.clocks, variable.max_size, variable.clock) = (clocks, max_size, clock);
             }
         }
+        if !supplement.sample_clocks.is_empty() {
+            self.add_sample_clocks(&supplement.sample_clocks);
+        }
+    }
+
+    /// Adds the clocks of its samples. If there is only one, it is the clock of all that a sample reads and computes; of
+    /// several, any may compute an output. The one that co-simulation takes first has the highest priority.
+    fn add_sample_clocks(&mut self, names: &[String]) {
+        (self.is_clocked, self.has_sample_clocks) = (true, true);
+        let ends = self.variables.iter().map(|v| v.reference as usize + v.element_count());
+        let first = first_sample_clock(self.time, ends.max().unwrap_or_default()) as u32;
+        for v in &mut self.variables {
+            let changes = matches!(v.variability, Variability::Continuous | Variability::Discrete);
+            if changes && v.causality != Causality::Independent {
+                v.variability = Variability::Discrete;
+                v.clocks.extend((names.len() == 1).then_some(first));
+            }
+        }
+        self.variables.extend(names.iter().zip(first..).zip(0..).map(
+            |((name, reference), priority)| Variable {
+                name: name.clone(),
+                reference,
+                description: format!(
+                    "Activates the sample{}",
+                    match names.len() {
+                        1 => String::new(),
+                        _ => format!(" of the rate {name}"),
+                    }
+                ),
+                causality: Causality::Input,
+                variability: Variability::Discrete,
+                of_type: Type::Clock,
+                clock: Some(ClockType {
+                    interval_variability: IntervalVariability::Calculated,
+                    priority: Some(priority),
+                    ..ClockType::default()
+                }),
+                exported: ExportInfo { nominal: 1.0, ..ExportInfo::default() },
+                ..Variable::default()
+            },
+        ));
     }
 
     /// Writes the names of the variables, which are structured, in the naming convention of the model.
@@ -148,17 +196,24 @@ impl ExportedModel {
 
     /// Whether it is exported for model exchange.
     pub fn is_for_model_exchange(&self) -> bool {
-        self.has_events() && self.interface_type != Some(InterfaceType::CoSimulation)
+        self.has_events()
+            && !self.has_sample_clocks
+            && self.may_be_for(InterfaceType::ModelExchange)
     }
 
     /// Whether it is exported for co-simulation.
     pub fn is_for_co_simulation(&self) -> bool {
-        self.interface_type != Some(InterfaceType::ModelExchange)
+        !self.has_sample_clocks && self.may_be_for(InterfaceType::CoSimulation)
     }
 
     /// Whether it is exported for scheduled execution.
     pub fn is_for_scheduled_execution(&self) -> bool {
-        self.is_clocked && self.interface_type.is_none()
+        self.is_clocked && self.may_be_for(InterfaceType::ScheduledExecution)
+    }
+
+    /// Whether an interface type is exported if the model has it.
+    fn may_be_for(&self, interface_type: InterfaceType) -> bool {
+        self.interface_type.is_none_or(|only| only == interface_type)
     }
 
     /// Whether the derivatives of all that a host integrates are known: of the state derivatives and

@@ -5,7 +5,7 @@ use anyhow::{Result, bail, ensure};
 use crate::exported::ExportedModel;
 use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
-use crate::{Causality, ClockType, FmiVersion, Variability};
+use crate::{Causality, ClockType, FmiVersion, Type, Variability};
 
 /// Name of the independent variable.
 const TIME: &str = "time";
@@ -22,6 +22,16 @@ pub(crate) fn variables(model: &ExportedModel) -> Result<Vec<Variable>> {
         bail!(
             "no element of {} is in use; expected a structural parameter that starts at 1 or more in FMI 3.0",
             empty.name
+        );
+    }
+    let clocks = model.variables.iter().filter(|v| v.of_type == Type::Clock);
+    for clock in clocks.filter(|_| model.has_sample_clocks) {
+        let named = model.variables.iter().filter(|v| v.names().any(|name| name == clock.name));
+        ensure!(
+            named.count() == 1,
+            "a variable of {} has the name {:?}, which is the name of the clock of its samples in scheduled execution; expected another name",
+            model.name,
+            clock.name
         );
     }
     let mut clocks = 0;

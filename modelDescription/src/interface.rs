@@ -40,6 +40,9 @@ pub struct Interface {
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
     pub tolerance: f64,
+    /// The names of the clocks at whose ticks a host activates the samples, if the binary is for scheduled execution:
+    /// of the rates, or of the only sample time. They have the value references after all others.
+    pub sample_clocks: &'static [&'static str],
     /// The first scalars of all variables, as [`scalars`](crate::scalar::scalars) returns them, with their value references.
     pub scalars: &'static [ScalarVariable],
     /// The value reference of the independent variable of FMI 3.0.
@@ -234,6 +237,7 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     if !interface.revision.is_empty() {
         hash = hash.text("revision").text(interface.revision);
     }
+    each!(clock in interface.sample_clocks => { hash = hash.text("sample clock").text(clock); });
     each!(scalar in interface.scalars => { hash = identify(scalar, hash); });
     let mut overrides = interface.overrides;
     while let Some((start, rest)) = overrides.next() {
@@ -361,7 +365,8 @@ pub const fn write<const N: usize>(interface: &Interface) -> [u8; N] {
 const fn write_copy<const N: usize>(interface: &Interface) -> CopyWriter<N> {
     let mut writer = CopyWriter { bytes: [0; N], length: 0 };
     let supplemented = supplemented(interface);
-    let has_supplement = interface.is_clocked || supplemented > 0;
+    let has_supplement =
+        interface.is_clocked || !interface.sample_clocks.is_empty() || supplemented > 0;
     writer.raw(&MAGIC);
     writer.raw(&if has_supplement { SUPPLEMENTED } else { VERSION }.to_le_bytes());
     // The first pass, which computes the length, does not know it.
@@ -495,6 +500,8 @@ impl<const N: usize> CopyWriter<N> {
     /// Adds a `Supplement` with so many variables.
     const fn supplement(&mut self, interface: &Interface, count: usize) {
         self.raw(&[interface.is_clocked as u8]);
+        self.number(interface.sample_clocks.len() as u128);
+        each!(clock in interface.sample_clocks => { self.text(clock.as_bytes()); });
         self.number(count as u128);
         each!(scalar in interface.scalars => {
             let field = scalar.variable;

@@ -27,6 +27,11 @@ pub struct References {
     pub end: usize,
 }
 
+/// The value reference of the first sample clock of a model: after all variables and the independent variable.
+pub const fn first_sample_clock(time: usize, end: usize) -> usize {
+    if time < end { end } else { time + 1 }
+}
+
 /// The largest fixed value reference of a model of so many scalar variables: tables by value reference stay small.
 const fn largest(count: usize) -> usize {
     if 2 * count < 10_000 { 9_999 } else { 2 * count - 1 }

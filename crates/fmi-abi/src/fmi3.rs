@@ -282,7 +282,7 @@ macro_rules! fmi3_functions {
         }
 
         ScheduledExecution {
-            fmi3ActivateModelPartition(clock: u32, time: f64) => activate_model_partition in NOWHERE;
+            fmi3ActivateModelPartition(clock: u32, time: f64) => activate_model_partition in CLOCK_ACTIVATION;
         }
     } };
 }

@@ -206,6 +206,9 @@ pub enum InterfaceType {
 }
 
 impl InterfaceType {
+    /// All types.
+    pub const ALL: [Self; 3] = [Self::CoSimulation, Self::ModelExchange, Self::ScheduledExecution];
+
     /// Its name in the standard.
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -236,8 +239,7 @@ impl InterfaceType {
 
     /// The type with this [name among options](Self::option_name).
     pub fn named(name: &str) -> Option<Self> {
-        let mut all =
-            [Self::CoSimulation, Self::ModelExchange, Self::ScheduledExecution].into_iter();
+        let mut all = Self::ALL.into_iter();
         all.find(|interface_type| interface_type.option_name() == name)
     }
 }

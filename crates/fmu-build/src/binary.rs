@@ -83,6 +83,7 @@ impl<'a> PlatformBinary<'a> {
         for (interface_type, is_needed) in [
             (InterfaceType::CoSimulation, model.is_for_co_simulation()),
             (InterfaceType::ModelExchange, model.is_for_model_exchange()),
+            (InterfaceType::ScheduledExecution, model.is_for_scheduled_execution()),
         ] {
             ensure!(
                 !is_needed || has_functions(&self.bytes, version, interface_type),
@@ -106,9 +107,12 @@ pub fn drop_replaced(built: &mut Vec<PlatformBinary<'_>>, prebuilt: &[PlatformBi
 
 /// Checks that a binary has the names of the functions of a version of FMI, for one of the interface types at least.
 pub fn check_functions(binary: &[u8], version: FmiVersion) -> Result<()> {
-    let mut types = [InterfaceType::CoSimulation, InterfaceType::ModelExchange].into_iter();
     ensure!(
-        types.any(|interface_type| has_functions(binary, version, interface_type)),
+        InterfaceType::ALL.into_iter().any(|interface_type| has_functions(
+            binary,
+            version,
+            interface_type
+        )),
         "it does not export the functions of FMI {}",
         version.as_str()
     );
@@ -122,7 +126,8 @@ fn has_functions(binary: &[u8], version: FmiVersion, interface_type: InterfaceTy
         (FmiVersion::Fmi2, InterfaceType::ModelExchange) => b"fmi2SetTime",
         (FmiVersion::Fmi3, InterfaceType::CoSimulation) => b"fmi3EnterStepMode",
         (FmiVersion::Fmi3, InterfaceType::ModelExchange) => b"fmi3SetTime",
-        (_, InterfaceType::ScheduledExecution) => b"fmi3ActivateModelPartition",
+        (FmiVersion::Fmi2, InterfaceType::ScheduledExecution) => return false,
+        (FmiVersion::Fmi3, InterfaceType::ScheduledExecution) => b"fmi3ActivateModelPartition",
     };
     binary.windows(name.len()).any(|bytes| bytes == name)
 }

@@ -165,7 +165,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<ModelLibrary> {
             package,
             "interface",
             InterfaceType::named,
-            "\"co-simulation\" or \"model-exchange\"",
+            "\"co-simulation\", \"model-exchange\" or \"scheduled-execution\"",
         )?,
         guid: setting(
             package,

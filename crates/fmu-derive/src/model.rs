@@ -249,14 +249,14 @@ fn model(
         (_, true) => quote!(impl #generics #krate::Rated for #ident #arguments #condition {}),
         _ => quote!(impl #generics #krate::Stepped for #ident #arguments #condition {}),
     };
-    let count = rates.len();
+    let rate_names = rates.iter().map(|(name, _)| name.to_string());
     let ticks = has_rates.then(|| {
-        let names = rates.iter().map(|(name, _)| name.to_string());
+        let names = rate_names.clone();
         let times = rates.iter().map(|(_, sample_time)| sample_time.real());
         let methods = rates
             .iter()
             .map(|(name, _)| respan(name.span(), quote!(Self::#name(self, time, step))));
-        let indices = 0..count;
+        let indices = 0..rates.len();
         quote! {
             fn rates(&self) -> ::std::vec::Vec<(&'static str, f64)> {
                 ::std::vec::Vec::from([#((#names, #times)),*])
@@ -288,7 +288,7 @@ fn model(
             const DESCRIPTION: &'static str = #description;
             const REFERENCES: &'static [#krate::derive::FixedReference] = &[#(#references),*];
             const IS_SAMPLED: bool = #is_sampled;
-            const RATES: usize = #count;
+            const RATES: &'static [&'static str] = &[#(#rate_names),*];
             const IS_CONTINUOUS: bool = #is_continuous;
             const IS_CLOCKED: bool = #is_clocked;
             const IS_INTEGRATED: bool = #is_integrated;

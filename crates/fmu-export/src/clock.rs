@@ -2,7 +2,7 @@
 
 use fmu_description::{Number, StateError, StateReader, StateWriter};
 
-use crate::error::ModelError;
+use crate::error::{ModelError, ensure};
 use crate::saved::{Saved, saved};
 
 /// An instant within this fraction of the sample time of a communication point counts as lying on
@@ -79,6 +79,27 @@ impl SampleClock {
             return Ok(1);
         }
         self.count_to(time, self.samples_to(time + step))
+    }
+
+    /// Counts the instants up to the one at a time (up to rounding), which the host chooses. Returns whether instants
+    /// before it were not counted.
+    ///
+    /// # Errors
+    /// It is not the time of an instant, or the instant was counted. The clock is unchanged.
+    pub(crate) fn tick_at(&mut self, time: f64) -> Result<bool, ModelError> {
+        let (next, Self { start, ts, .. }) = (self.next.max(0.0), *self);
+        let instant = libm::round((time - start) * self.rate);
+        let rounding = 4.0 * f64::EPSILON * (time.abs() + start.abs());
+        let is_instant = (time - self.instant(instant)).abs() <= TOLERANCE * ts + rounding;
+        ensure!(
+            is_instant && instant >= next,
+            "the clock cannot tick at {:?} s; expected {:?} s, or later by a multiple of its interval {:?} s",
+            Number(time),
+            Number(self.instant(next)),
+            Number(ts)
+        );
+        self.next = instant + 1.0;
+        Ok(instant > next)
     }
 
     /// Whether one instant is due, as in most steps. It takes no rounding.
@@ -230,6 +251,11 @@ impl RateClocks {
         let fastest = self.0.iter().map(|clock| clock.ts).fold(f64::INFINITY, f64::min);
         let same = first + TOLERANCE * fastest + 4.0 * f64::EPSILON * first.abs();
         ticks.find(|tick| tick.time <= same)
+    }
+
+    /// The clock of a rate.
+    pub(crate) fn at(&mut self, rate: usize) -> &mut SampleClock {
+        &mut self.0[rate]
     }
 
     /// Counts a tick, which the model has taken.

@@ -9,14 +9,16 @@ use fmu_description::interface::guid_of_copy;
 use fmu_description::{Interface, Naming, StartOverrides};
 
 use crate::any_model::VariantStarts;
+use crate::clocks::Clocks;
 use crate::fast;
 use crate::instance::{Guid, Identity, Settings};
 use crate::laid_out::LaidOut;
-use crate::lifecycle::InstanceType;
+use crate::lifecycle::{InstanceType, NOT_SCHEDULED};
 use crate::model::Model;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use crate::needs::Needs;
 use crate::pointers::{Pointer, readable};
+use crate::sample_clocks::SampleClocks;
 #[cfg(all(target_arch = "wasm32", feature = "sources"))]
 use crate::source_needs::Needs;
 
@@ -27,6 +29,10 @@ pub struct Entry {
     variant: Option<VariantStarts>,
     guid: Guid,
     naming: Naming,
+    /// Its clocks, if it has some.
+    clocks: Option<&'static dyn Clocks>,
+    /// Whether the host activates its samples, so that it has scheduled execution only.
+    has_sample_clocks: bool,
     /// Whether it has events: samples, ticks of clocks, or those of its equations. Hosts can then solve it in model exchange.
     has_events: bool,
     create: fn(Settings, Identity) -> Option<Pointer>,
@@ -65,9 +71,21 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         revision: "",
         default_experiment: M::DEFAULT_EXPERIMENT,
         tolerance: M::TOLERANCE,
+        sample_clocks: match InstanceType::HAS_ONLY_SCHEDULED_EXECUTION {
+            true => sample_clocks::<M>(),
+            false => &[],
+        },
         scalars,
         time: listed.references.time,
         overrides,
+    }
+}
+
+/// The names of the clocks of a model with sample times: of its rates, or of its only sample time.
+const fn sample_clocks<M: Model>() -> &'static [&'static str] {
+    match (M::IS_SAMPLED, M::RATES) {
+        (true, []) => &["sample"],
+        (_, rates) => rates,
     }
 }
 
@@ -93,7 +111,12 @@ impl Entry {
             guid: guid_of_copy(embedded, &interface),
             naming: interface.naming,
             has_events: M::IS_SAMPLED || M::IS_CONTINUOUS || M::IS_CLOCKED,
-            create: fast::create::<M, N>,
+            clocks: if interface.sample_clocks.is_empty() { None } else { Some(&SampleClocks) },
+            has_sample_clocks: !interface.sample_clocks.is_empty(),
+            create: match interface.sample_clocks.is_empty() {
+                true => fast::create::<M, N>,
+                false => fast::create_preemptible::<M, N>,
+            },
             #[cfg(target_arch = "wasm32")]
             needs: Needs::of::<M, N>(),
             _embedded: embedded,
@@ -151,8 +174,8 @@ impl Entry {
     /// # Errors
     /// The process has an instance, and can have one only.
     pub(crate) fn create(&'static self, settings: Settings) -> Result<Pointer, String> {
-        let Self { guid, variant, naming, .. } = self;
-        let identity = Identity { guid, variant: *variant, naming: *naming };
+        let Self { guid, variant, naming, clocks, .. } = self;
+        let identity = Identity { guid, variant: *variant, naming: *naming, clocks: *clocks };
         let created = (self.create)(settings, identity);
         created.ok_or_else(|| {
             format!(
@@ -195,6 +218,19 @@ impl Entry {
             )
         })?;
         match instance_type {
+            InstanceType::ScheduledExecution
+                if model.clocks.is_none() || !InstanceType::HAS_SCHEDULED_EXECUTION =>
+            {
+                Err(NOT_SCHEDULED.into())
+            }
+            InstanceType::CoSimulation
+            | InstanceType::CoSimulationWithEvents
+            | InstanceType::ModelExchange
+                if model.has_sample_clocks || InstanceType::HAS_ONLY_SCHEDULED_EXECUTION =>
+            {
+                let of_type = instance_type.name();
+                Err(format!("{} is for scheduled execution, not for {of_type}", model.name()))
+            }
             InstanceType::ModelExchange
                 if !model.has_events || !InstanceType::HAS_MODEL_EXCHANGE =>
             {

@@ -86,16 +86,16 @@ impl Instance {
 
     /// Takes what is due at the rates of the model, in the order of time.
     pub(crate) fn take_ticks(&mut self, time: f64, due: Due) -> Result<(), ModelError> {
-        self.shared.clocks.check_count(time, due)?;
+        self.shared.rate_clocks.check_count(time, due)?;
         let mut is_changed = false;
-        while let Some(tick) = self.shared.clocks.next_tick(time, due) {
+        while let Some(tick) = self.shared.rate_clocks.next_tick(time, due) {
             let behavior = self.model.behavior_mut();
             let taken = behavior.on_tick(tick.rate, tick.time, tick.sample_time);
             taken.map_err(|error| match is_changed {
                 true => error.with_severity(Severity::Broken), // earlier samples have changed the model
                 false => error,
             })?;
-            self.shared.clocks.advance(tick);
+            self.shared.rate_clocks.advance(tick);
             is_changed = true;
         }
         Ok(())
@@ -131,7 +131,7 @@ impl Instance {
         if info.is_sampled {
             return Some(match info.rates {
                 0 => lifecycle.clock.next_instant(),
-                _ => self.shared.clocks.next_instant(),
+                _ => self.shared.rate_clocks.next_instant(),
             });
         }
         let handled = lifecycle.integration.handled;

@@ -10,17 +10,19 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice::{from_raw_parts, from_raw_parts_mut};
 
+use fmi_abi::FmiFunction;
 use fmi_abi::state::State;
 
 use crate::any_model::AnyModel;
 use crate::error::ModelError;
-use crate::instance::{Identity, Instance, Settings, Status, StepEnd};
+use crate::instance::{Edge, Identity, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
 use crate::large::{self, Part};
 use crate::layout::{Extent, Float64Place, elements_in_use, float64_at};
 use crate::log::discard;
 use crate::model::Model;
 use crate::pointers::{NULL_ARRAY, Pointer, slice, slice_mut};
+use crate::preemption::Preemption;
 
 /// What the pointer of a host points to.
 #[repr(C)]
@@ -34,6 +36,9 @@ pub(crate) struct Head {
     pub(crate) vtable: &'static Vtable,
     /// Whether the host sees what happens in a step, which is then taken in parts.
     pub(crate) is_stepped_in_parts: bool,
+    pub(crate) edge: &'static Edge,
+    /// Lets one call at a time use the instance, if the host may preempt calls.
+    preemption: Option<Box<Preemption>>,
 }
 
 /// The functions that are compiled for each model. The pointer is to a hosted instance of this model, which is not
@@ -71,10 +76,53 @@ pub(crate) unsafe fn head<'a>(pointer: Pointer) -> Option<&'a Head> {
     unsafe { pointer.cast::<Head>().as_ref() }
 }
 
+/// Performs an operation of the instance behind a pointer, if the call is allowed; an error for NULL.
+///
+/// # Safety
+/// As [`head`]; the instance may be in use by a call that the host has preempted.
+pub(crate) unsafe fn call(
+    pointer: Pointer,
+    call: &FmiFunction,
+    mut operation: impl FnMut(&mut Instance) -> Result<(), ModelError>,
+) -> Status {
+    // SAFETY: the caller's promise.
+    unsafe { use_instance(pointer, call, &mut |instance| instance.guard(call, &mut operation)) }
+}
+
+/// Logs why a call of the instance behind a pointer fails.
+///
+/// # Safety
+/// As [`call`].
+#[cold]
+pub(crate) unsafe fn refuse(pointer: Pointer, call: &FmiFunction, reason: &str) -> Status {
+    // SAFETY: the caller's promise.
+    unsafe { use_instance(pointer, call, &mut |instance| instance.refuse(call, reason)) }
+}
+
+/// Does something with the instance behind a pointer, unless a preempted call is doing so; an error for NULL.
+///
+/// # Safety
+/// As [`call`].
+#[inline(never)]
+unsafe fn use_instance(
+    pointer: Pointer,
+    call: &FmiFunction,
+    operation: &mut dyn FnMut(&mut Instance) -> Status,
+) -> Status {
+    // SAFETY: the caller's promise.
+    let Some(head) = (unsafe { head(pointer) }) else { return Status::Error };
+    // SAFETY: as above; no other call uses the instance, either by the caller's promise or as it is excluded.
+    let mut operation = || operation(unsafe { &mut *(head.vtable.instance)(pointer) });
+    match &head.preemption {
+        None => operation(),
+        Some(preemption) => preemption.exclude(call, &mut operation),
+    }
+}
+
 /// The instance behind a pointer; `None` for NULL.
 ///
 /// # Safety
-/// As [`head`].
+/// As [`head`], and no call is in progress.
 pub(crate) unsafe fn instance_at<'a>(pointer: Pointer) -> Option<&'a mut Instance> {
     // SAFETY: the caller's promise; the functions belong to the instance.
     unsafe { head(pointer).map(|head| &mut *(head.vtable.instance)(pointer)) }
@@ -86,7 +134,10 @@ pub(crate) unsafe fn instance_at<'a>(pointer: Pointer) -> Option<&'a mut Instanc
 /// As [`head`], and the pointer is not used again.
 pub(crate) unsafe fn free(pointer: Pointer) {
     // SAFETY: the caller's promise; the functions belong to the instance.
-    if let Some(free) = unsafe { head(pointer) }.map(|head| head.vtable.free) {
+    let head = unsafe { head(pointer) };
+    // What a preempted call uses cannot be freed.
+    let head = head.filter(|head| !head.preemption.as_ref().is_some_and(|p| p.is_in_use()));
+    if let Some(free) = head.map(|head| head.vtable.free) {
         // SAFETY: as above.
         let freed = catch_unwind(AssertUnwindSafe(|| unsafe { free(pointer) }));
         let _ = freed.map_err(discard);
@@ -105,6 +156,22 @@ pub(crate) fn create<M: Model, const N: usize>(
     Some(Box::into_raw(HostedInstance::new(settings, identity, model)).cast())
 }
 
+/// As [`create`], for a model with clocks: in scheduled execution, a host may preempt calls of the instance.
+pub(crate) fn create_preemptible<M: Model, const N: usize>(
+    mut settings: Settings,
+    identity: Identity,
+) -> Option<Pointer> {
+    let preemption = settings.preemption.take();
+    let pointer = create::<M, N>(settings, identity)?;
+    if preemption.is_some() {
+        // SAFETY: the pointer is to a new instance of the model.
+        let hosted = unsafe { HostedInstance::<LaidOut<M, N>>::at(pointer) };
+        hosted.head.vtable = &HostedInstance::<LaidOut<M, N>>::PREEMPTIBLE;
+        hosted.head.preemption = preemption;
+    }
+    Some(pointer)
+}
+
 impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
     const VTABLE: Vtable = Vtable {
         #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
@@ -121,11 +188,22 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         instance: Self::instance,
         free: Self::free,
     };
+    /// Functions that use the instance only if no preempted call does.
+    const PREEMPTIBLE: Vtable = Vtable {
+        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+        get_variables: get_float64,
+        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+        set_variables: set_float64,
+        step: refuse_step,
+        ..Self::VTABLE
+    };
 
     pub(crate) fn new(settings: Settings, identity: Identity, model: LaidOut<M, N>) -> Box<Self> {
         let instance = Instance::new(settings, identity, model);
         let is_stepped_in_parts = instance.shared.settings.is_stepped_in_parts();
-        Box::new(Self { head: Head { vtable: &Self::VTABLE, is_stepped_in_parts }, instance })
+        let edge = instance.shared.settings.edge;
+        let head = Head { vtable: &Self::VTABLE, is_stepped_in_parts, edge, preemption: None };
+        Box::new(Self { head, instance })
     }
 
     /// # Safety
@@ -188,7 +266,7 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
     fn is_plain_step(&self, time: f64, step: f64) -> bool {
         let lifecycle = &self.instance.shared.lifecycle;
         !M::IS_INTEGRATED
-            && M::RATES == 0
+            && M::RATES.is_empty()
             && lifecycle.is_next_step(time, step)
             && (!M::IS_SAMPLED || lifecycle.clock.is_one_due(time, step))
             && !(LaidOut::<M, N>::HAS_INPUT_DERIVATIVES && lifecycle.has_input_derivatives)
@@ -251,6 +329,18 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
 unsafe extern "C" fn any_step(pointer: Pointer, time: f64, step: f64, end: StepEnd) -> Status {
     // SAFETY: the caller's promise.
     unsafe { instance_at(pointer) }.map_or(Status::Error, |instance| instance.step(time, step, end))
+}
+
+/// Refuses a step of an instance for scheduled execution.
+///
+/// # Safety
+/// As for all functions of [`Vtable`].
+#[cold]
+unsafe extern "C" fn refuse_step(pointer: Pointer, _: f64, _: f64, _: StepEnd) -> Status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        head(pointer).map_or(Status::Error, |head| call(pointer, &head.edge.do_step, |_| Ok(())))
+    }
 }
 
 /// Access to Float64. A reference stands for a scalar or an element of an array (`elements`), or for a variable with
@@ -441,17 +531,16 @@ unsafe extern "C" fn get_float64(
     n_values: usize,
 ) -> Status {
     // SAFETY: the caller's promise.
-    let (instance, arrays) = unsafe {
-        let arrays = slice(references, n).zip(slice_mut(values, n_values));
-        (instance_at(pointer), arrays)
-    };
-    let Some(instance) = instance else { return Status::Error };
-    let call = &instance.shared.settings.edge.get_float64;
-    match arrays {
-        Some((references, values)) => {
-            instance.call(call, |instance| instance.get_float64(references, values))
+    unsafe {
+        let Some(Head { edge: Edge { get_float64, .. }, .. }) = head(pointer) else {
+            return Status::Error;
+        };
+        match slice(references, n).zip(slice_mut(values, n_values)) {
+            Some((references, values)) => {
+                call(pointer, get_float64, |instance| instance.get_float64(references, values))
+            }
+            None => refuse(pointer, get_float64, NULL_ARRAY),
         }
-        None => instance.refuse(call, NULL_ARRAY),
     }
 }
 
@@ -469,17 +558,16 @@ unsafe extern "C" fn set_float64(
     n_values: usize,
 ) -> Status {
     // SAFETY: the caller's promise.
-    let (instance, arrays) = unsafe {
-        let arrays = slice(references, n).zip(slice(values, n_values));
-        (instance_at(pointer), arrays)
-    };
-    let Some(instance) = instance else { return Status::Error };
-    let call = &instance.shared.settings.edge.set_float64;
-    match arrays {
-        Some((references, values)) => {
-            instance.call(call, |instance| instance.set_float64(references, values))
+    unsafe {
+        let Some(Head { edge: Edge { set_float64, .. }, .. }) = head(pointer) else {
+            return Status::Error;
+        };
+        match slice(references, n).zip(slice(values, n_values)) {
+            Some((references, values)) => {
+                call(pointer, set_float64, |instance| instance.set_float64(references, values))
+            }
+            None => refuse(pointer, set_float64, NULL_ARRAY),
         }
-        None => instance.refuse(call, NULL_ARRAY),
     }
 }
 

@@ -64,7 +64,7 @@ impl Instance {
             shared.before = Some(model.copy());
         }
         if let Some(clocks) = clocks {
-            shared.clocks = clocks;
+            shared.rate_clocks = clocks;
         }
         let lifecycle = &mut shared.lifecycle;
         (lifecycle.clock, lifecycle.integration) = (clock, integration);
@@ -83,6 +83,7 @@ impl Instance {
                 lifecycle.time = lifecycle.start_time;
                 self.enter(State::Event);
             }
+            InstanceType::ScheduledExecution => self.enter(State::ClockActivation),
         }
         Ok(())
     }

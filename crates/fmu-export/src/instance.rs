@@ -15,10 +15,12 @@ use ode_methods::solver::Workspace;
 
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::clock::RateClocks;
+use crate::clocks::Clocks;
 use crate::error::{ModelError, Severity, ensure};
 use crate::layout::ModelInfo;
 use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::log::Log;
+use crate::preemption::Preemption;
 use crate::resources::Folder;
 
 /// The status of a call, numbered like the statuses of FMI, so that converting it is free.
@@ -44,6 +46,9 @@ pub(crate) struct Edge {
     pub(crate) get_fmu_state: FmiFunction,
 }
 
+/// Tells the host that it may ask for clocks.
+pub(crate) type ClockUpdate = Rc<dyn Fn()>;
+
 /// What a host says about an instance that it creates.
 pub(crate) struct Settings {
     pub(crate) edge: &'static Edge,
@@ -56,6 +61,10 @@ pub(crate) struct Settings {
     pub(crate) intermediate_update: Option<Rc<dyn Fn(IntermediateUpdate) -> Option<f64>>>,
     /// The variables that the host may access in an intermediate update.
     pub(crate) intermediate_variables: Vec<u32>,
+    /// Tells the host of news about clocks during an activation.
+    pub(crate) clock_update: Option<ClockUpdate>,
+    /// What lets one call at a time use the instance, in scheduled execution.
+    pub(crate) preemption: Option<Box<Preemption>>,
     /// The [`Place`](crate::single_instance::Place) of the only instance in the process, which is given back when it is
     /// freed. Only the binaries of such models need to know its type.
     pub(crate) place: Option<Box<dyn Any>>,
@@ -71,13 +80,19 @@ impl Settings {
             early_return_allowed: false,
             intermediate_update: None,
             intermediate_variables: Vec::new(),
+            clock_update: None,
+            preemption: None,
             place: None,
         }
     }
 
     /// Whether the host sees what happens in a step, which is then taken in parts.
     pub(crate) fn is_stepped_in_parts(&self) -> bool {
-        self.instance_type != InstanceType::CoSimulation || self.intermediate_update.is_some()
+        match self.instance_type {
+            InstanceType::CoSimulation => self.intermediate_update.is_some(),
+            InstanceType::CoSimulationWithEvents | InstanceType::ModelExchange => true,
+            InstanceType::ScheduledExecution => false,
+        }
     }
 }
 
@@ -99,6 +114,7 @@ pub(crate) struct Identity {
     pub(crate) guid: &'static Guid,
     pub(crate) variant: Option<VariantStarts>,
     pub(crate) naming: Naming,
+    pub(crate) clocks: Option<&'static dyn Clocks>,
 }
 
 /// An intermediate update, in which the host may call functions of the instance.
@@ -123,7 +139,9 @@ pub(crate) struct Instance<M: ?Sized = dyn AnyModel> {
 pub(crate) struct Shared {
     pub(crate) lifecycle: Lifecycle,
     /// The sample instants of a model with several rates.
-    pub(crate) clocks: RateClocks,
+    pub(crate) rate_clocks: RateClocks,
+    /// The clocks of a model that has some.
+    pub(crate) clocks: Option<&'static dyn Clocks>,
     pub(crate) settings: Settings,
     pub(crate) guid: &'static Guid,
     variant: Option<VariantStarts>,
@@ -146,7 +164,7 @@ pub(crate) struct Shared {
 impl<M: AnyModel> Instance<M> {
     pub(crate) fn new(
         settings: Settings,
-        Identity { guid, variant, .. }: Identity,
+        Identity { guid, variant, clocks, .. }: Identity,
         mut model: M,
     ) -> Self {
         (&mut model as &mut dyn AnyModel).connect_logs(&settings.log);
@@ -164,7 +182,8 @@ impl<M: AnyModel> Instance<M> {
         Self {
             shared: Shared {
                 lifecycle: Lifecycle::new(settings.instance_type),
-                clocks: RateClocks::unset(info.rates),
+                rate_clocks: RateClocks::unset(info.rates),
+                clocks,
                 settings,
                 guid,
                 variant,
@@ -193,13 +212,13 @@ impl Instance {
 
     /// The code of [`call`](Self::call) that all calls share.
     #[inline(never)]
-    fn guard(
+    pub(crate) fn guard(
         &mut self,
         call: &FmiFunction,
         operation: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
         let Lifecycle { instance_type, state, .. } = self.shared.lifecycle;
-        if let Some(why) = instance_type.lacks(call) {
+        if let Some(why) = instance_type.lacks(call, self.shared.clocks.is_some()) {
             return self.refuse(call, why);
         }
         if !call.is_allowed(state) {
@@ -320,7 +339,7 @@ impl Instance {
         self.model.reset(shared.variant);
         self.model.connect_logs(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.instance_type);
-        shared.clocks = RateClocks::unset(self.model.info().rates);
+        shared.rate_clocks = RateClocks::unset(self.model.info().rates);
         shared.starts = None;
         self.enter(State::Instantiated);
         Ok(())

@@ -57,7 +57,7 @@ impl<M: Model, const N: usize> LaidOut<M, N> {
         states: const { &const { Self::TABLES.states } }.as_slice(),
         event_indicators: const { &const { Self::TABLES.event_indicators } }.as_slice(),
         is_sampled: M::IS_SAMPLED,
-        rates: M::RATES,
+        rates: M::RATES.len(),
         is_continuous: M::IS_CONTINUOUS,
         is_integrated: M::IS_INTEGRATED,
         step: M::DEFAULT_EXPERIMENT.1,

@@ -67,8 +67,9 @@
     any(
         all(feature = "fmi2", not(feature = "fmi3")),
         all(feature = "fmi3", not(feature = "fmi2")),
-        all(feature = "co-simulation", not(feature = "model-exchange")),
-        all(feature = "model-exchange", not(feature = "co-simulation"))
+        feature = "co-simulation",
+        feature = "model-exchange",
+        feature = "scheduled-execution"
     ),
     allow(
         dead_code,
@@ -83,6 +84,7 @@ pub mod c;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod canonical;
 mod clock;
+mod clocks;
 mod deprecated;
 mod derivatives;
 mod edge;
@@ -104,7 +106,9 @@ mod model;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod needs;
 mod pointers;
+mod preemption;
 mod resources;
+mod sample_clocks;
 mod saved;
 mod single_instance;
 mod snapshot;
@@ -166,8 +170,8 @@ pub mod prelude {
 /// and lists them in `MODELS`. A library has one `export!`, with all its models.
 ///
 /// The binary exports the functions of FMI 2.0 and 3.0, or of one version, if only its feature
-/// `fmi2` or `fmi3` of this crate is on, as `cargo fmu export` sets it. It has instances for co-simulation and model
-/// exchange, or of one type, if only its feature `co-simulation` or `model-exchange` is on.
+/// `fmi2` or `fmi3` of this crate is on, as `cargo fmu export` sets it. It has instances of the interface types that the
+/// models support, or of one type, if only its feature `co-simulation`, `model-exchange` or `scheduled-execution` is on.
 #[macro_export]
 macro_rules! export {
     ($($model:ty),+ $(,)?) => {

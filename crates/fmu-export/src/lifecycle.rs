@@ -12,6 +12,10 @@ use crate::saved::saved;
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;
 
+/// Why a model that has no clocks has no model partitions.
+pub(crate) const NOT_SCHEDULED: &str =
+    "the FMU is not for scheduled execution; expected model exchange or co-simulation";
+
 /// The communication point before the first step: no step continues from it.
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 
@@ -24,20 +28,44 @@ saved! {
         CoSimulationWithEvents,
         /// Model exchange.
         ModelExchange,
+    } and later {
+        /// Scheduled execution.
+        ScheduledExecution,
     }
 }
 
 impl InstanceType {
     /// Whether the binary has instances for co-simulation.
-    pub(crate) const HAS_CO_SIMULATION: bool =
-        cfg!(any(feature = "co-simulation", not(feature = "model-exchange")));
+    pub(crate) const HAS_CO_SIMULATION: bool = cfg!(any(
+        feature = "co-simulation",
+        not(any(feature = "model-exchange", feature = "scheduled-execution"))
+    ));
     /// Whether it has instances for model exchange.
-    pub(crate) const HAS_MODEL_EXCHANGE: bool =
-        cfg!(any(feature = "model-exchange", not(feature = "co-simulation")));
+    pub(crate) const HAS_MODEL_EXCHANGE: bool = cfg!(any(
+        feature = "model-exchange",
+        not(any(feature = "co-simulation", feature = "scheduled-execution"))
+    ));
+    /// Whether it has instances for scheduled execution, which only FMI 3.0 has.
+    pub(crate) const HAS_SCHEDULED_EXECUTION: bool = cfg!(all(
+        any(feature = "fmi3", not(feature = "fmi2")),
+        any(
+            feature = "scheduled-execution",
+            not(any(feature = "co-simulation", feature = "model-exchange"))
+        )
+    ));
+    /// Whether it has no others.
+    pub(crate) const HAS_ONLY_SCHEDULED_EXECUTION: bool =
+        Self::HAS_SCHEDULED_EXECUTION && !Self::HAS_CO_SIMULATION && !Self::HAS_MODEL_EXCHANGE;
 
     /// Whether it is for model exchange, which the compiler knows of a binary for one interface type.
     pub(crate) const fn is_model_exchange(self) -> bool {
-        !Self::HAS_CO_SIMULATION || Self::HAS_MODEL_EXCHANGE && matches!(self, Self::ModelExchange)
+        let has_others = Self::HAS_CO_SIMULATION || Self::HAS_SCHEDULED_EXECUTION;
+        Self::HAS_MODEL_EXCHANGE && (!has_others || matches!(self, Self::ModelExchange))
+    }
+
+    /// Whether it is for co-simulation.
+    const fn is_co_simulation(self) -> bool {
+        matches!(self, Self::CoSimulation | Self::CoSimulationWithEvents)
     }
 
     pub(crate) fn name(self) -> &'static str {
@@ -45,6 +73,7 @@ impl InstanceType {
             Self::CoSimulation => "co-simulation",
             Self::CoSimulationWithEvents => "co-simulation with event mode",
             Self::ModelExchange => "model exchange",
+            Self::ScheduledExecution => "scheduled execution",
         }
     }
 
@@ -54,19 +83,34 @@ impl InstanceType {
             State::StepMode
             | State::StepFailed
             | State::StepReconfiguration
-            | State::IntermediateUpdate => !self.is_model_exchange(),
-            State::Event | State::EventReconfiguration => !matches!(self, Self::CoSimulation),
+            | State::IntermediateUpdate => self.is_co_simulation(),
+            State::Event | State::EventReconfiguration => {
+                matches!(self, Self::CoSimulationWithEvents | Self::ModelExchange)
+            }
             State::ContinuousTime => self.is_model_exchange(),
-            State::ClockActivation | State::ClockUpdate | State::ClockReconfiguration => false,
+            State::ClockActivation | State::ClockUpdate | State::ClockReconfiguration => {
+                matches!(self, Self::ScheduledExecution)
+            }
             _ => true,
         }
     }
 
     /// Why an instance of this type does not have a function; `None` if it does.
-    pub(crate) fn lacks(self, call: &FmiFunction) -> Option<&'static str> {
+    pub(crate) fn lacks(self, call: &FmiFunction, has_clocks: bool) -> Option<&'static str> {
         match (call.group, self) {
+            (FunctionGroup::Clocks, _) if !has_clocks => Some("the model has no clocks"),
+            (FunctionGroup::ScheduledExecution, _) if !has_clocks => Some(NOT_SCHEDULED),
             (FunctionGroup::CoSimulation, Self::ModelExchange) => {
                 Some("it is a function of co-simulation, but the instance is for model exchange")
+            }
+            (FunctionGroup::CoSimulation, Self::ScheduledExecution) => Some(
+                "it is a function of co-simulation, but the instance is for scheduled execution",
+            ),
+            (FunctionGroup::ModelExchange, Self::ScheduledExecution) => Some(
+                "it is a function of model exchange, but the instance is for scheduled execution",
+            ),
+            (FunctionGroup::ScheduledExecution, of_type) if of_type != Self::ScheduledExecution => {
+                Some("the instance is not for scheduled execution")
             }
             (FunctionGroup::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
                 Some("it is a function of model exchange, but the instance is for co-simulation")

@@ -29,8 +29,8 @@ pub trait Model: Variables + Behavior {
     const REFERENCES: &'static [FixedReference] = &[];
     /// Whether it has a sample time, or several.
     const IS_SAMPLED: bool;
-    /// The number of its rates; 0 if it has no sample time, or one.
-    const RATES: usize = 0;
+    /// The names of its rates; none if it has no sample time, or one.
+    const RATES: &'static [&'static str] = &[];
     /// Whether it is [`Continuous`].
     const IS_CONTINUOUS: bool = false;
     /// Whether it is [`Clocked`].

@@ -46,13 +46,15 @@ macro_rules! saved {
             }
         }
     )* };
+    // Later variants change nothing in saved states.
     ($(#[$about:meta])* $vis:vis enum $name:ident {
         $($(#[$about_variant:meta])* $variant:ident,)*
-    }) => {
+    } $(and later { $($(#[$about_later:meta])* $later:ident,)* })?) => {
         $(#[$about])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         $vis enum $name {
             $($(#[$about_variant])* $variant,)*
+            $($($(#[$about_later])* $later,)*)?
         }
 
         impl $crate::saved::Saved for $name {
@@ -70,7 +72,7 @@ macro_rules! saved {
                 from: &mut fmu_description::StateReader<'_>,
             ) -> Result<Self, fmu_description::StateError> {
                 let number: u8 = from.take()?;
-                let mut variants = [$(Self::$variant),*].into_iter();
+                let mut variants = [$(Self::$variant,)* $($(Self::$later,)*)?].into_iter();
                 let variant = variants.find(|variant| *variant as u8 == number);
                 variant.ok_or(fmu_description::StateError)
             }

@@ -42,7 +42,7 @@ impl Instance {
         Ok(Snapshot {
             guid: *self.shared.guid,
             lifecycle: self.shared.lifecycle,
-            clocks: self.shared.clocks.clone(),
+            clocks: self.shared.rate_clocks.clone(),
             starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
             model: self.model.copy(),
         })
@@ -83,7 +83,7 @@ impl Instance {
             readable(shared.guid)
         );
         shared.lifecycle = snapshot.lifecycle;
-        shared.clocks.clone_from(&snapshot.clocks);
+        shared.rate_clocks.clone_from(&snapshot.clocks);
         shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
         Ok(())
     }

@@ -209,7 +209,7 @@ impl Stepping {
                 let mut clock = shared.lifecycle.clock;
                 let counted = match info.rates {
                     0 => clock.count_due(time, step).map(drop),
-                    _ => shared.clocks.check_count(time, Due::Before(time + step)),
+                    _ => shared.rate_clocks.check_count(time, Due::Before(time + step)),
                 };
                 counted.map_err(|error| error.in_step(time, step))?;
             }

@@ -51,7 +51,7 @@ pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
     let resources = Err("the test has set no folder of resources".to_owned());
     let settings = Settings::new(&EDGE, Log::new(None, false), Folder::Known(resources));
     let naming = Naming::chosen(None, M::NAMING);
-    let identity = Identity { guid: &[0; GUID_LENGTH], variant: None, naming };
+    let identity = Identity { guid: &[0; GUID_LENGTH], variant: None, naming, clocks: None };
     let model = LaidOut::<M, N>::with_model(model, naming);
     DrivenInstance(HostedInstance::new(settings, identity, model))
 }

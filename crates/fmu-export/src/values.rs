@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::fmt::Display;
 
 use fmi_abi::FmiVersion;
-use fmi_abi::state::State;
+use fmi_abi::state::{RECONFIGURATION, RUNNING, State};
 use fmu_description::ScalarVariable;
 use fmu_description::table::Declaration;
 use fmu_description::value::Whole;
@@ -225,7 +225,10 @@ impl Instance {
             }
         }
         let lifecycle = &mut self.shared.lifecycle;
-        let is_in_steps = matches!(lifecycle.state, State::StepMode | State::IntermediateUpdate);
+        let is_in_steps = matches!(
+            lifecycle.state,
+            State::StepMode | State::IntermediateUpdate | State::ClockActivation
+        );
         lifecycle.stale |= !is_in_steps;
         Ok(())
     }
@@ -250,9 +253,7 @@ impl Instance {
         // all inputs when it locates events.
         let is_same = |instance: &mut Self| {
             let is_set_again = match (scalar.variable.causality, scalar.variable.variability) {
-                (Causality::Parameter, Variability::Fixed) => {
-                    matches!(state, State::StepMode | State::Event | State::ContinuousTime)
-                }
+                (Causality::Parameter, Variability::Fixed) => is_in(RUNNING, state),
                 (Causality::Input, _) => state == State::ContinuousTime,
                 _ => false,
             };
@@ -312,6 +313,11 @@ numbers! {
     get_uint64 set_uint64: u64 as UInt64, Whole;
 }
 
+/// Whether a state is in a set.
+fn is_in(states: u16, state: State) -> bool {
+    states & state as u16 != 0
+}
+
 /// Whether start values may be set.
 fn is_start(state: State) -> bool {
     matches!(state, State::Instantiated | State::Initialization)
@@ -324,8 +330,7 @@ fn not_settable(
     instance_type: InstanceType,
 ) -> Option<&'static str> {
     use State::{ContinuousTime, Event, IntermediateUpdate};
-    let is_reconfiguration =
-        matches!(state, State::StepReconfiguration | State::EventReconfiguration);
+    let is_reconfiguration = is_in(RECONFIGURATION, state);
     let is_configuration = is_reconfiguration || state == State::Configuration;
     let is_exchange = instance_type.is_model_exchange() && matches!(state, Event | ContinuousTime);
     match (variable.causality, variable.variability) {

@@ -1,7 +1,6 @@
 //! The rules for a model description that its schema does not express.
 
-mod arrays;
-mod clocks;
+mod arrays_and_clocks;
 mod definitions;
 mod structure;
 mod variables;

@@ -17,7 +17,7 @@ use fmi_abi::{FmiVersion, c_type, fmi2_functions};
 
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::{free, head, instance_at};
+use crate::fast::{free, head};
 use crate::instance::{Edge, Instance, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};

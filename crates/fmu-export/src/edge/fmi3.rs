@@ -18,17 +18,18 @@ use std::rc::Rc;
 pub use fmi_abi::fmi3::*;
 use fmi_abi::state::State;
 use fmi_abi::{FmiVersion, c_type, fmi3_functions};
-use fmu_description::{LogCategory, Type, Value};
+use fmu_description::{Type, Value};
 
 use super::instantiate;
 use crate::any_model::SolverVector;
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::{free, head, instance_at};
-use crate::instance::{Edge, Instance, IntermediateUpdate, Settings, Status};
+use crate::fast::{call, free, head, instance_at};
+use crate::instance::{ClockUpdate, Edge, Instance, IntermediateUpdate, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
 use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
+use crate::preemption::Preemption;
 use crate::resources::Folder;
 use crate::step::{Next, StepResults, Stepping};
 use crate::values::HostValue;
@@ -43,13 +44,9 @@ pub(super) static EDGE: Edge = Edge {
 
 fmi3_functions!(entries! fmi3Instance fmi3Status);
 
-const SCHEDULED: &str =
-    "the FMU is not for scheduled execution; expected model exchange or co-simulation";
-
 /// Why a function of the model is not supported.
 pub(super) fn unsupported(name: &str) -> &'static str {
     match name {
-        "fmi3ActivateModelPartition" => SCHEDULED,
         "fmi3EvaluateDiscreteStates" => "providesEvaluateDiscreteStates is false",
         name if name.ends_with("Dependencies") => {
             "providesPerElementDependencies is false; the model description has the dependencies"
@@ -130,27 +127,46 @@ pub unsafe fn instantiate_co_simulation(
     instantiate(function, models, (name, token), instance_type, settings)
 }
 
-/// `fmi3InstantiateScheduledExecution`, which logs that it is not supported and returns NULL.
+/// `fmi3InstantiateScheduledExecution`. On failure, logs the reason and returns NULL.
 ///
 /// # Safety
 /// The requirements of the standard on the caller.
 pub unsafe fn instantiate_scheduled_execution(
-    _models: &'static [Entry],
-    _name: fmi3String,
-    _token: fmi3String,
-    _resources: fmi3String,
+    models: &'static [Entry],
+    name: fmi3String,
+    token: fmi3String,
+    resources: fmi3String,
     _visible: fmi3Boolean,
-    _logging_on: fmi3Boolean,
+    logging_on: fmi3Boolean,
     environment: fmi3InstanceEnvironment,
     log_message: Option<fmi3LogMessageCallback>,
-    _clock_update: Option<fmi3ClockUpdateCallback>,
-    _lock_preemption: Option<fmi3PreemptionCallback>,
-    _unlock_preemption: Option<fmi3PreemptionCallback>,
+    clock_update: Option<fmi3ClockUpdateCallback>,
+    lock_preemption: Option<fmi3PreemptionCallback>,
+    unlock_preemption: Option<fmi3PreemptionCallback>,
 ) -> fmi3Instance {
-    let log = Log::new(sink(environment, log_message), false);
-    let message = format_args!("fmi3InstantiateScheduledExecution: {SCHEDULED}");
-    log.send(LogCategory::Error, message);
-    std::ptr::null_mut()
+    let log = || Log::new(sink(environment, log_message), logging_on != fmi3False);
+    // SAFETY: the caller's promise.
+    let [name, token, path] = unsafe { [text(name), text(token), text(resources)] };
+    let [lock, unlock] = [lock_preemption, unlock_preemption].map(|function| {
+        let call_back = move || {
+            if let Some(function) = function {
+                // SAFETY: the host provides this function.
+                unsafe { function() }
+            }
+        };
+        Box::new(call_back) as Box<dyn Fn()>
+    });
+    let settings = Settings {
+        clock_update: clock_update.map(|function| {
+            // SAFETY: the host provides this function for this environment.
+            Rc::new(move || unsafe { function(environment) }) as ClockUpdate
+        }),
+        preemption: Some(Preemption::new(lock, unlock, log())),
+        ..Settings::new(&EDGE, log(), Folder::named(FmiVersion::Fmi3, path))
+    };
+    let (function, instance_type) =
+        ("fmi3InstantiateScheduledExecution", Ok(InstanceType::ScheduledExecution));
+    instantiate(function, models, (name, token), instance_type, settings)
 }
 
 /// Forwards messages to the host's logger, if the host provides one.
@@ -211,6 +227,30 @@ pub unsafe extern "C" fn fmi3SetFloat64(
         }
     };
     fmi3Status(status as c_int)
+}
+
+exported! { ScheduledExecution
+    /// `fmi3ActivateModelPartition`
+    pub unsafe extern "C" fn fmi3ActivateModelPartition(
+        instance: fmi3Instance,
+        clock: u32,
+        time: f64,
+    ) -> fmi3Status {
+        let (operation, mut update) = (&calls::fmi3ActivateModelPartition, None);
+        // SAFETY: the host's promises, as for all entry points.
+        let status = unsafe {
+            call(instance, operation, |instance| {
+                instance.activate_model_partition(clock, time)?;
+                update = instance.clock_update();
+                Ok(())
+            })
+        };
+        // The host may call functions of the instance, which no call uses now.
+        if let Some(update) = update {
+            update();
+        }
+        fmi3Status(status as c_int)
+    }
 }
 
 exported! { CoSimulation

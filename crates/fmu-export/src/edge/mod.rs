@@ -18,7 +18,7 @@ use fmu_description::{LogCategory, Type, Value};
 
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::instance_at;
+use crate::fast;
 use crate::instance::{Instance, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::pointers::{Pointer, c_text, readable, texts};
@@ -47,7 +47,10 @@ macro_rules! exported {
         #[cfg_attr(
             all(
                 any(not(target_arch = "wasm32"), feature = "sources"),
-                any(feature = "co-simulation", not(feature = "model-exchange"))
+                any(
+                    feature = "co-simulation",
+                    not(any(feature = "model-exchange", feature = "scheduled-execution"))
+                )
             ),
             unsafe(no_mangle)
         )]
@@ -57,7 +60,10 @@ macro_rules! exported {
         #[cfg_attr(
             all(
                 any(not(target_arch = "wasm32"), feature = "sources"),
-                any(feature = "model-exchange", not(feature = "co-simulation"))
+                any(
+                    feature = "model-exchange",
+                    not(any(feature = "co-simulation", feature = "scheduled-execution"))
+                )
             ),
             unsafe(no_mangle)
         )]
@@ -81,7 +87,21 @@ macro_rules! entry {
     ($i:ident $s:ident $group:ident fmi3GetFloat64 $($row:tt)*) => {};
     ($i:ident $s:ident $group:ident fmi3SetFloat64 $($row:tt)*) => {};
     ($i:ident $s:ident $group:ident fmi3DoStep $($row:tt)*) => {};
+    // It may call back the host.
+    ($i:ident $s:ident $group:ident fmi3ActivateModelPartition $($row:tt)*) => {};
     // Declared as unsupported by the model description. Importers bind them anyway.
+    ($i:ident $s:ident Clocks fmi3GetIntervalDecimal $($row:tt)*) => {
+        entry!($i $s All fmi3GetIntervalDecimal $($row)*);
+    };
+    ($i:ident $s:ident Clocks fmi3GetIntervalFraction $($row:tt)*) => {
+        entry!($i $s All fmi3GetIntervalFraction $($row)*);
+    };
+    ($i:ident $s:ident Clocks fmi3GetShiftDecimal $($row:tt)*) => {
+        entry!($i $s All fmi3GetShiftDecimal $($row)*);
+    };
+    ($i:ident $s:ident Clocks fmi3GetShiftFraction $($row:tt)*) => {
+        entry!($i $s All fmi3GetShiftFraction $($row)*);
+    };
     ($i:ident $s:ident Clocks $name:ident $arguments:tt $operation:ident $($states:ident)|+) => {
         entry!($i $s All $name $arguments $operation NOWHERE);
     };
@@ -104,15 +124,12 @@ macro_rules! entry {
                 // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
                 // NULL or valid, those to arrays for the lengths passed with them; zero-terminated texts.
                 let status = unsafe {
-                    let Some(instance) = instance_at(instance) else {
-                        return $s(Status::Error as c_int);
-                    };
                     let arguments = || Ok::<_, &str>(($(convert!($arg $kind)?,)*));
                     match arguments() {
-                        Ok(($(mut $arg,)*)) => {
-                            instance.call(call, |instance| apply!(instance.$operation [] $($arg: $kind,)*))
-                        }
-                        Err(why) => instance.refuse(call, why),
+                        Ok(($(mut $arg,)*)) => crate::fast::call(
+                            instance, call, |instance| apply!(instance.$operation [] $($arg: $kind,)*)
+                        ),
+                        Err(why) => crate::fast::refuse(instance, call, why),
                     }
                 };
                 $s(status as c_int)
@@ -187,8 +204,7 @@ unsafe fn refuse(
     reason: fn(&str) -> &'static str,
 ) -> Status {
     // SAFETY: the caller's promise.
-    let instance = unsafe { instance_at(instance) };
-    instance.map_or(Status::Error, |instance| instance.refuse(call, reason(call.name)))
+    unsafe { fast::refuse(instance, call, reason(call.name)) }
 }
 
 /// Creates an instance of the model that a host chooses by name and GUID, of a type. On failure, logs the

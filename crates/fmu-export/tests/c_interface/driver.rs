@@ -153,6 +153,19 @@ unsafe extern "C" fn update(
     *host.on_update.borrow_mut() = act;
 }
 
+thread_local! {
+    /// How often the calls of this thread have locked and unlocked preemption, and what it does when it is locked.
+    pub static LOCKS: Cell<[usize; 2]> = const { Cell::new([0; 2]) };
+}
+
+unsafe extern "C" fn lock() {
+    LOCKS.set([LOCKS.get()[0] + 1, LOCKS.get()[1]]);
+}
+
+unsafe extern "C" fn unlock() {
+    LOCKS.set([LOCKS.get()[0], LOCKS.get()[1] + 1]);
+}
+
 /// Restores the panic hook, which the library replaces at the first instance, to see failed tests.
 fn keep_messages_of_panics() {
     static ONCE: Once = Once::new();
@@ -198,7 +211,7 @@ impl Instance {
     #[track_caller]
     pub fn run(self, time: f64) -> Self {
         self.start(time, None);
-        if self.kind.1 != Stepped {
+        if !matches!(self.kind.1, Stepped | Scheduled) {
             self.update();
             self.end_event_mode();
         }
@@ -246,6 +259,9 @@ impl Instance {
                 ),
                 (Fmi3, Exchanged) => instantiate_model_exchange(
                     models, name, token, path, 0, debug.into(), environment, log,
+                ),
+                (Fmi3, Scheduled) => instantiate_scheduled_execution(
+                    models, name, token, path, 0, debug.into(), environment, log, None, Some(lock), Some(unlock),
                 ),
                 (Fmi3, _) => instantiate_co_simulation(
                     models, name, token, path, 0, debug.into(), events, early, needed, n, environment, log, update,

@@ -111,6 +111,7 @@ impl Host {
                 (self.handled, self.restarts) = (advanced.handled, advanced.restarts);
                 self.workspace = workspace;
             }
+            Scheduled => unreachable!(),
         }
     }
 }

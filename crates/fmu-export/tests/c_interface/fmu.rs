@@ -18,6 +18,8 @@ pub enum Mode {
     /// Co-simulation with event mode.
     Events,
     Exchanged,
+    /// Scheduled execution.
+    Scheduled,
 }
 pub use Mode::*;
 
@@ -26,6 +28,8 @@ pub type Kind = (FmiVersion, Mode);
 pub const PLAIN: [Kind; 2] = [(Fmi2, Stepped), (Fmi3, Stepped)];
 pub const EXCHANGED: [Kind; 2] = [(Fmi2, Exchanged), (Fmi3, Exchanged)];
 pub const EVENTS: Kind = (Fmi3, Events);
+pub const SCHEDULED: Kind = (Fmi3, Scheduled);
+/// Without scheduled execution, for which only models with clocks are.
 pub const KINDS: [Kind; 5] = [PLAIN[0], PLAIN[1], EVENTS, EXCHANGED[0], EXCHANGED[1]];
 
 /// The status that a function returned.
@@ -259,6 +263,12 @@ methods! {
     get_output_derivatives(references: &[u32], orders: &[i32], to: &mut [f64]) = get_output_derivatives;
     real_status(kind: c_int, value: *mut f64) = get_real_status;
     boolean_status(kind: c_int, value: *mut i32) = get_boolean_status;
+    activate(clock: c_int, time: f64) = activate_model_partition;
+    get_intervals(clocks: &[u32], to: &mut [f64], qualifiers: &mut [c_int]) = get_interval_decimal;
+    get_interval_fractions(
+        clocks: &[u32], counters: &mut [u64], resolutions: &mut [u64], qualifiers: &mut [c_int]
+    ) = get_interval_fraction;
+    get_shifts(clocks: &[u32], to: &mut [f64]) = get_shift_decimal;
 }
 
 /// Defines the access to numbers, in the type that a version has for them.

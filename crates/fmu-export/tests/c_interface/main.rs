@@ -21,6 +21,7 @@ mod rates;
 mod references;
 mod samples;
 mod saved;
+mod scheduled;
 mod single_instance;
 mod standard;
 mod states;

@@ -21,6 +21,7 @@ pub fn states(kind: Kind) -> &'static str {
         (Fmi3, Stepped) => "IGNSFRTX!",
         (Fmi3, Events) => "IGNESFRVTX!",
         (Fmi3, Exchanged) => "IGNECVTX!",
+        (Fmi3, Scheduled) => "IGNAWTX!",
     }
 }
 

@@ -178,6 +178,7 @@ fn path(mode: Mode, state: char) -> Vec<Call> {
         Stepped => &["do_step"],
         Events => &["enter_step_mode", "do_step"],
         Exchanged => &["enter_continuous_time_mode"],
+        Scheduled => &[],
     };
     let (trouble, fails) = match mode {
         Exchanged => (Ball::TROUBLE, "get_continuous_state_derivatives"),

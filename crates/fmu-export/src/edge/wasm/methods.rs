@@ -12,7 +12,7 @@ use crate::any_model::SolverVector;
 use crate::canonical::{Answer, List, Text, Values, list, slice, texts};
 use crate::edge::fmi3::*;
 use crate::error::{ModelError, refused};
-use crate::fast::{head, instance_at};
+use crate::fast::{self, head, instance_at};
 use crate::instance::Instance;
 use crate::pointers::Pointer;
 use crate::values::HostValue;
@@ -169,8 +169,7 @@ macro_rules! unsupported {
 fn refuse(instance: Pointer, operation: &FmiFunction) {
     call(instance, || {
         // SAFETY: the host's promise: an instance that is not used otherwise.
-        let instance = unsafe { instance_at(instance) };
-        instance.map(|instance| instance.refuse(operation, unsupported(operation.name)));
+        unsafe { fast::refuse(instance, operation, unsupported(operation.name)) };
     });
 }
 
@@ -224,8 +223,7 @@ unsafe fn perform(
     method: impl FnMut(&mut Instance) -> Result<(), ModelError>,
 ) -> fmi3Status {
     // SAFETY: the caller's promise.
-    let instance = unsafe { instance_at(instance) };
-    instance.map_or(fmi3Error, |instance| fmi3Status(instance.call(operation, method) as i32))
+    fmi3Status(unsafe { fast::call(instance, operation, method) } as i32)
 }
 
 /// Defines the functions that get and set texts or bytes, which C has as pointers.

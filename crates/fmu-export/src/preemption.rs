@@ -1,0 +1,59 @@
+//! Preemption in scheduled execution (FMI 3.0.2, section 5.1): a host may interrupt a call of an instance by another one,
+//! on another thread. Each call uses the instance between the host's `lockPreemption` and `unlockPreemption`, and a
+//! host that ignores them gets an error.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use fmi_abi::FmiFunction;
+use fmu_description::LogCategory;
+
+use crate::instance::Status;
+use crate::log::Log;
+
+/// Lets one call at a time use an instance.
+pub(crate) struct Preemption {
+    lock: Box<dyn Fn()>,
+    unlock: Box<dyn Fn()>,
+    /// Whether a call uses the instance.
+    is_in_use: AtomicBool,
+    /// Not the log of the instance, which may be in use.
+    log: Log,
+}
+
+impl Preemption {
+    /// By the callbacks of the host, which are allowed on any thread.
+    pub(crate) fn new(lock: Box<dyn Fn()>, unlock: Box<dyn Fn()>, log: Log) -> Box<Self> {
+        Box::new(Self { lock, unlock, is_in_use: AtomicBool::new(false), log })
+    }
+
+    /// Performs a call that uses the instance, unless another one does.
+    pub(crate) fn exclude(
+        &self,
+        call: &FmiFunction,
+        operation: &mut dyn FnMut() -> Status,
+    ) -> Status {
+        (self.lock)();
+        let status = match self.is_in_use.swap(true, Ordering::Acquire) {
+            false => {
+                let status = operation();
+                self.is_in_use.store(false, Ordering::Release);
+                status
+            }
+            true => {
+                let message = format_args!(
+                    "{}: another call uses the instance; expected no call between lockPreemption and unlockPreemption",
+                    call.name
+                );
+                self.log.send(LogCategory::Error, message);
+                Status::Error
+            }
+        };
+        (self.unlock)();
+        status
+    }
+
+    /// Whether a call uses the instance.
+    pub(crate) fn is_in_use(&self) -> bool {
+        self.is_in_use.load(Ordering::Acquire)
+    }
+}
