@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod binary;
+mod bus;
 mod compiled;
 mod finding;
 pub mod format;

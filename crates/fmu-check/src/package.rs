@@ -6,10 +6,11 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use fmi_abi::{FunctionGroup, fmi3};
 use fmu_description::xml::{self, Element};
 use fmu_description::{FmiVersion, ModelDescription};
-use fmu_file::archive::{self, Archive};
+use fmu_file::archive::{self, Archive, TERMINALS};
 use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
+use crate::bus;
 use crate::finding::{Findings, Location, find, require};
 use crate::rule::{Rule, rule};
 use crate::schema::{self, Schema};
@@ -22,7 +23,6 @@ const MAX_BINARY: u64 = 128 << 20;
 /// Maximum number of bytes that are read of an XML file.
 const MAX_XML: u64 = 64 << 20;
 const ICONS: &str = "terminalsAndIcons";
-const TERMINALS_FILE: &str = "terminalsAndIcons/terminalsAndIcons.xml";
 
 /// Checks that the archive can be unpacked.
 pub fn check(archive: &mut Archive, findings: &mut Findings) {
@@ -52,10 +52,16 @@ pub fn check_files(model: &ModelDescription<'_>, archive: &mut Archive, findings
     if model.version == FmiVersion::Fmi3 {
         files.folders();
         files.document(
-            TERMINALS_FILE,
+            TERMINALS,
             &schema::TERMINALS,
             rule!("terminals-readable"),
             Files::terminals,
+        );
+        files.document(
+            bus::MANIFEST,
+            &schema::LAYERED,
+            rule!("bus-manifest-readable"),
+            |files, root| bus::manifest(root, files.findings),
         );
     }
 }
@@ -223,7 +229,7 @@ impl<'a> Files<'a> {
 
     /// Checks `terminalsAndIcons.xml`.
     fn terminals(&mut self, document: &Element<'_>) {
-        let at = |element| Location::in_file(TERMINALS_FILE, element);
+        let at = |element| Location::in_file(TERMINALS, element);
         let root = self.model.root;
         let [expected, found] = [root, document].map(|root| root.attribute("fmiVersion"));
         if let (Some(expected), Some(found)) = (expected, found) {
@@ -246,6 +252,8 @@ impl<'a> Files<'a> {
         });
         if let Some(terminals) = document.child("Terminals") {
             self.level(terminals, &causalities.collect());
+            let has_manifest = self.names.contains(bus::MANIFEST);
+            bus::terminals(self.model, terminals, has_manifest, self.findings);
         }
     }
 
@@ -254,7 +262,7 @@ impl<'a> Files<'a> {
         let mut names = HashSet::new();
         for terminal in parent.children("Terminal") {
             if let Some(name) = terminal.attribute("name") {
-                require!(self.findings, "terminal-unique" at Location::in_file(TERMINALS_FILE, terminal),
+                require!(self.findings, "terminal-unique" at Location::in_file(TERMINALS, terminal),
                     !name.is_empty() && names.insert(name),
                     "the name of the terminal is {}, expected a unique, non-empty name", quote(name));
             }
@@ -262,7 +270,7 @@ impl<'a> Files<'a> {
             for graphical in terminal.children("TerminalGraphicalRepresentation") {
                 if let Some(base) = graphical.attribute("iconBaseName") {
                     let path = archive::relative(&format!("{ICONS}/{base}.png"));
-                    require!(self.findings, "icon-exists" at Location::in_file(TERMINALS_FILE, graphical),
+                    require!(self.findings, "icon-exists" at Location::in_file(TERMINALS, graphical),
                         path.is_ok_and(|path| self.names.contains(&path)),
                         "iconBaseName is {}, expected a PNG file of that name in {ICONS}", quote(base));
                 }
@@ -295,7 +303,7 @@ type Causalities<'a> = HashMap<&'a str, &'a str>;
 /// Checks the members of a terminal: that each is a variable with a causality that a member of a known kind may
 /// have, and that names are unique if they are matched.
 fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut Findings) {
-    let at = |element: &Element<'_>| Location::in_file(TERMINALS_FILE, element);
+    let at = |element: &Element<'_>| Location::in_file(TERMINALS, element);
     let variable = |member: &Element<'_>, attribute, is_known: bool, findings: &mut Findings| {
         let Some(name) = member.attribute(attribute) else { return };
         let shown = quote(name);

@@ -38,6 +38,7 @@ schemas! {
     MODEL_3 = "modelDescription3.txt";
     TERMINALS = "terminalsAndIcons.txt";
     BUILD = "buildDescription.txt";
+    LAYERED = "layeredStandardManifest.txt";
 }
 
 /// A document that is checked against a schema.

@@ -1,6 +1,7 @@
 //! The rules for a model description that its schema does not express.
 
-mod arrays_and_clocks;
+mod arrays;
+mod clocks;
 mod definitions;
 mod structure;
 mod variables;

@@ -1,100 +1,29 @@
-//! What FMI 3.0 adds: arrays, structural parameters, clocks and clocked variables.
+//! Clocks and clocked variables (FMI 3.0.2, sections 2.2.8, 2.4.4 and 2.4.7.4).
 
 use std::collections::HashSet;
 
 use fmu_description::value::{items, whole};
 use fmu_description::xml::Element;
 use fmu_description::{Causality, Type, Variability, XmlVariable};
+use fmu_file::text::quote;
 
 use super::{Check, is_clocked, is_continuous};
-use crate::finding::{Location, find, require};
+use crate::finding::{Location, require};
 
 impl Check<'_> {
-    /// Checks the number of bytes of the start values of a Binary.
-    pub(super) fn start_size(&mut self, variable: &XmlVariable<'_>) {
-        let max = variable.inherited("maxSize").and_then(whole);
-        let max = max.unwrap_or(u32::MAX);
-        for start in variable.element.children("Start") {
-            // Two digits a byte.
-            let size = start.attribute("value").unwrap_or_default().trim().len() / 2;
-            require!(self, "start-size" at variable, size <= max as usize,
-                "its start value has {size} bytes, expected at most maxSize = {max}");
-        }
-    }
-
-    /// Checks the dimensions of a variable, and how many start values it has.
-    pub(super) fn elements(&mut self, variable: &XmlVariable<'_>) {
-        let element = variable.element;
-        if variable.causality == Causality::StructuralParameter
-            && let Some(dimension) = element.child("Dimension")
-        {
-            find!(self, "structural-scalar" at dimension,
-                "the structural parameter has a Dimension, expected none");
-        }
-        let mut size = Some(1_u64);
-        for dimension in element.children("Dimension") {
-            let pair = size.zip(self.length(dimension));
-            size = pair.and_then(|(a, b)| a.checked_mul(b));
-            require!(self, "array-size" at variable, pair.is_none() || size.is_some(),
-                "its dimensions have more elements than a computer can address");
-        }
-        let is_list = matches!(variable.of_type, Type::String | Type::Binary);
-        let starts = match is_list {
-            true => element.children("Start").count(),
-            false => element.attribute("start").map_or(1, |start| items(start).count()),
-        };
-        if let Some(size) = size {
-            let fits = starts == 1 || starts as u64 == size || is_list && starts == 0;
-            let or_more = match size {
-                1 => String::new(),
-                size => format!(" or {size}"),
-            };
-            require!(self, "start-count" at variable, fits,
-                "it has {starts} start values, expected 1{or_more}");
-        }
-    }
-
-    /// The initial size of a dimension, if it is valid.
-    fn length(&mut self, dimension: &Element<'_>) -> Option<u64> {
-        let is_size = |v: &&XmlVariable<'_>| {
-            let is_structural = v.causality == Causality::StructuralParameter;
-            v.of_type == Type::UInt64 && (is_structural || v.variability == Variability::Constant)
-        };
-        let start = match ["start", "valueReference"].map(|name| dimension.attribute(name)) {
-            [Some(start), None] => start,
-            [None, Some(reference)] => {
-                let referred = self.model.referred(dimension, "valueReference");
-                let Some(size) = referred.filter(is_size) else {
-                    find!(self, "dimension-reference" at dimension,
-                        "valueReference of the Dimension is {reference}, expected that of a UInt64 that \
-                         is a constant or a structural parameter");
-                    return None;
-                };
-                size.start()?
-            }
-            [start, _] => {
-                let both = match start {
-                    Some(_) => "both start and",
-                    None => "neither start nor",
-                };
-                find!(self, "dimension-size" at dimension,
-                    "the Dimension has {both} valueReference, expected one of them");
-                return None;
-            }
-        };
-        let length = whole(start)?;
-        require!(self, "dimension-positive" at dimension, length > 0,
-            "the initial size of the Dimension is 0, expected a positive number");
-        Some(length)
-    }
-
     pub(super) fn clocks(&mut self) {
         let model = self.model;
-        let has_clocks = model.variables().any(|(_, v)| v.of_type == Type::Clock);
+        let mut clocks = model.variables().filter(|(_, v)| v.of_type == Type::Clock).peekable();
+        let has_clocks = clocks.peek().is_some();
         for interface in model.root.children("CoSimulation") {
             require!(self, "clocks-need-events" at interface,
                 !has_clocks || interface.is_true("hasEventMode"),
                 "the FMU has clocks, expected hasEventMode = true");
+        }
+        if let Some(scheduled) = model.scheduled_execution() {
+            let has_partition = clocks.any(|(_, clock)| clock.causality == Causality::Input);
+            require!(self, "partition-given" at scheduled, has_partition,
+                "the FMU has no input clock, expected one for each model partition");
         }
         for defined in model.root.list("TypeDefinitions", "ClockType") {
             self.interval(defined, None);
@@ -110,6 +39,7 @@ impl Check<'_> {
                 self.previous(variable, reference, is_first);
             }
         }
+        self.clocked_dependencies();
     }
 
     fn clock(&mut self, variable: &XmlVariable<'_>) {
@@ -118,12 +48,24 @@ impl Check<'_> {
         require!(self, "clock-causality" at variable, matches!(causality, Input | Output | Local),
             "the clock has causality {}, expected input, output or local", causality.as_str());
         self.interval(clock, variable.declared);
+        let kind = clock.attribute("intervalVariability").unwrap_or("triggered");
+        require!(self, "clock-triggered" at variable,
+            kind == "triggered" || !matches!(causality, Output | Local),
+            "it is {} with intervalVariability {}, expected triggered", causality.as_str(), quote(kind));
         require!(self, "clock-priority" at variable, causality != Output || !clock.has("priority"),
             "the output has a priority, expected none");
-        let needs_one = causality == Input && self.model.scheduled_execution().is_some();
+        let is_scheduled = self.model.scheduled_execution().is_some();
         require!(self, "clock-priority" at variable,
-            !needs_one || variable.inherited("priority").is_some(),
+            causality != Input || !is_scheduled || variable.inherited("priority").is_some(),
             "it has no priority, expected one in Scheduled Execution");
+        require!(self, "clock-local" at variable, causality != Local || !is_scheduled,
+            "the clock is local, expected an input or output in Scheduled Execution");
+        require!(self, "clock-flags" at variable,
+            causality == Input || !clock.is_true("canBeDeactivated"),
+            "it has canBeDeactivated = true, expected it only for inputs");
+        require!(self, "clock-flags" at variable,
+            kind != "triggered" || !clock.is_true("supportsFraction"),
+            "it is triggered and has supportsFraction = true, expected it only for time-based clocks");
     }
 
     /// Checks the clocks of a variable, and the variability of clocks and clocked variables.
@@ -143,11 +85,20 @@ impl Check<'_> {
         require!(self, "clocks-exist" at variable,
             clocks.is_none_or(|all| items(all).next().is_some()),
             "clocks is empty, expected value references of clocks");
+        let mut are_local = clocks.is_some();
         for clock in items(clocks.unwrap_or_default()) {
             let of = whole(clock).and_then(|number| model.variable(model.index(number)));
-            require!(self, "clocks-exist" at variable, of.is_some_and(|of| of.of_type == Type::Clock),
-                "clocks has {clock}, expected value references of clocks");
+            let of = of.filter(|of| of.of_type == Type::Clock);
+            require!(self, "clocks-exist" at variable,
+                of.is_some_and(|of| of.reference != variable.reference),
+                "clocks has {clock}, expected value references of {}",
+                if of.is_some() { "other clocks" } else { "clocks" });
+            are_local &= of.is_some_and(|of| of.causality == Causality::Local);
         }
+        require!(self, "clock-local" at variable,
+            !are_local || variable.causality == Causality::Local,
+            "it is {} and has local clocks only, expected a local variable",
+            variable.causality.as_str());
         let is_updated = variable.element.is_true("intermediateUpdate");
         require!(self, "intermediate-update" at variable, !is_updated || is_continuous(variable),
             "it has intermediateUpdate = true, expected it only for continuous variables");
@@ -167,12 +118,41 @@ impl Check<'_> {
         require!(self, "previous-reference" at variable, before.is_some_and(fits) && is_first,
             "previous is {reference}, expected the value reference of another discrete {kind} that is not \
              an input and is not the previous of any other variable");
+        let states = &self.model.clocked_states;
+        require!(self, "clocked-states-listed" at variable,
+            states.iter().any(|state| state.number == variable.reference),
+            "it has previous and is not in ClockedState of ModelStructure, expected it there");
+    }
+
+    /// Checks that the dependencies of clocked outputs have their input clocks.
+    fn clocked_dependencies(&mut self) {
+        let model = self.model;
+        for output in &model.outputs {
+            let Some(variable) = model.variable(output.index) else { continue };
+            let Some(dependencies) = &output.dependencies else { continue };
+            for clock in items(variable.element.attribute("clocks").unwrap_or_default()) {
+                let clock = whole(clock).and_then(|number| model.variable(model.index(number)));
+                let Some(clock) = clock.filter(|clock| clock.causality == Causality::Input) else {
+                    continue;
+                };
+                require!(self, "clocked-dependencies" at output.element,
+                    dependencies.contains(&clock.reference),
+                    "the dependencies of {} lack its clock {}, expected all of its input clocks",
+                    quote(&variable.name), quote(&clock.name));
+            }
+        }
     }
 
     /// Checks when a clock ticks; a variable inherits from its declared type.
     fn interval(&mut self, clock: &Element<'_>, declared: Option<&Element<'_>>) {
+        /// Decimals may be written with single precision.
+        const ROUNDING: f64 = 1e-6;
         let at = || Location::of_variable(clock);
-        let has = |name| clock.has(name) || declared.is_some_and(|declared| declared.has(name));
+        let of = |name| match clock.has(name) {
+            true => Some(clock),
+            false => declared.filter(|declared| declared.has(name)),
+        };
+        let real = |name| of(name).and_then(|of| of.real(name));
         for (name, may_be_zero, expected) in [
             ("intervalDecimal", false, "a positive number"),
             ("intervalCounter", false, "a positive number"),
@@ -186,7 +166,7 @@ impl Check<'_> {
         }
         let variability = clock.attribute("intervalVariability").unwrap_or_default();
         require!(self, "clock-interval-given" at at(),
-            variability != "constant" || has("intervalDecimal"),
+            variability != "constant" || of("intervalDecimal").is_some(),
             "the clock is constant and has no intervalDecimal, expected one");
         let is_periodic = !matches!(variability, "changing" | "countdown" | "triggered");
         for name in ["intervalDecimal", "intervalCounter", "resolution"] {
@@ -194,16 +174,32 @@ impl Check<'_> {
                 "it has {name} and intervalVariability {variability}, expected {name} only for periodic \
                  clocks");
         }
+        let supports = of("supportsFraction").is_some_and(|of| of.is_true("supportsFraction"));
+        let has_counter = of("intervalCounter").is_some();
         for [shift, interval] in
             [["shiftDecimal", "intervalDecimal"], ["shiftCounter", "intervalCounter"]]
         {
-            require!(self, "clock-shift" at at(), !clock.has(shift) || has(interval),
+            require!(self, "clock-shift" at at(), !clock.has(shift) || of(interval).is_some(),
                 "it has {shift} and no {interval}, expected both");
         }
-        let own = clock.has("supportsFraction");
-        let supports = declared.filter(|_| !own).unwrap_or(clock);
         require!(self, "clock-fraction" at at(),
-            !clock.has("intervalCounter") || supports.is_true("supportsFraction") && has("resolution"),
+            !clock.has("intervalCounter") || supports && of("resolution").is_some(),
             "it has intervalCounter, expected a resolution and supportsFraction = true with it");
+        require!(self, "clock-fraction-given" at at(),
+            variability != "constant" || !supports || has_counter,
+            "the clock is constant, has supportsFraction = true and no intervalCounter, expected one");
+        let resolution = real("resolution").filter(|number| *number > 0.0);
+        for (decimal, counter) in
+            [("intervalDecimal", "intervalCounter"), ("shiftDecimal", "shiftCounter")]
+        {
+            if let (Some(resolution), Some(ticks), Some(time)) =
+                (resolution, real(counter), real(decimal))
+            {
+                let expected = ticks / resolution;
+                require!(self, "clock-fraction-agrees" at at(),
+                    !time.is_finite() || (time - expected).abs() <= ROUNDING * expected.abs(),
+                    "{decimal} is {time}, expected {expected} as {counter} / resolution");
+            }
+        }
     }
 }
