@@ -8,18 +8,22 @@ use serde_core::{Deserialize, Deserializer, Serialize, Serializer};
 pub struct Clock {
     is_active: bool,
     interval: Option<f64>,
+    /// Whether the host has not heard of the interval.
+    is_new: bool,
+    /// The time from the start to the first tick (s) that the host has set.
+    shift: Option<f64>,
 }
 
 impl Clock {
     /// The value of an output clock that ticks now.
-    pub const TICK: Self = Self { is_active: true, interval: None };
+    pub const TICK: Self = Self { is_active: true, interval: None, is_new: false, shift: None };
 
     /// The value of an input clock of kind `changing` or `countdown` that ticks so many seconds from now, which may be 0.
     ///
     /// To a `changing` clock, it is assigned in `initialize` and at each of its ticks. To a `countdown` clock, it may be
     /// assigned at any tick; the clock then ticks no more at the time that was assigned before.
     pub const fn after(seconds: f64) -> Self {
-        Self { is_active: false, interval: Some(seconds) }
+        Self { is_active: false, interval: Some(seconds), is_new: true, shift: None }
     }
 
     /// Whether the clock ticks now.
@@ -43,24 +47,46 @@ impl Clock {
         self.is_active = is_active;
     }
 
-    /// Sets the interval (s).
+    /// Sets the interval (s), and whether the host has not heard of it.
     #[doc(hidden)]
     #[inline]
-    pub const fn set_interval(&mut self, interval: Option<f64>) {
+    pub const fn set_interval(&mut self, interval: Option<f64>, is_new: bool) {
         self.interval = interval;
+        self.is_new = is_new;
+    }
+
+    /// Whether the host has not heard of the interval.
+    #[doc(hidden)]
+    #[inline]
+    pub const fn is_new(&self) -> bool {
+        self.is_new
+    }
+
+    /// The time from the start to the first tick (s) that the host has set.
+    #[doc(hidden)]
+    #[inline]
+    pub const fn shift(&self) -> Option<f64> {
+        self.shift
+    }
+
+    /// Sets the time from the start to the first tick (s).
+    #[doc(hidden)]
+    #[inline]
+    pub const fn set_shift(&mut self, shift: f64) {
+        self.shift = Some(shift);
     }
 }
 
 impl Serialize for Clock {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        (self.is_active, self.interval).serialize(serializer)
+        (self.is_active, self.interval, self.is_new, self.shift).serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Clock {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let (is_active, interval) = Deserialize::deserialize(deserializer)?;
-        Ok(Self { is_active, interval })
+        let (is_active, interval, is_new, shift) = Deserialize::deserialize(deserializer)?;
+        Ok(Self { is_active, interval, is_new, shift })
     }
 }
 

@@ -175,7 +175,12 @@ fn model(
         _ => respan(ident.span(), quote!(<Self as #krate::Simulate>)),
     };
     let step = match (is_continuous, step) {
-        _ if has_rates || is_clocked => quote!(::core::unreachable!("from {time} s by {step} s")),
+        _ if has_rates => quote!(::core::unreachable!("from {time} s by {step} s")),
+        // Between ticks, nothing happens.
+        _ if is_clocked => quote!({
+            let _ = (time, step);
+            ::core::result::Result::Ok(())
+        }),
         (false, _) => quote!(#author::step(self, time, step)),
         (true, Some(function)) => quote!(#function(self, time, step)),
         (true, None) => quote!(::core::unreachable!("from {time} s by {step} s")),

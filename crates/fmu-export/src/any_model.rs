@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::iter::repeat_n;
 
+use fmu_description::derive::Timing;
 use fmu_description::scalar::{self, ScalarVariable};
 use fmu_description::{
     Causality, Dynamics, Naming, Number, StartOverrides, StateError, StateReader, StateWriter,
@@ -36,6 +37,8 @@ pub(crate) trait AnyModel: Any {
     /// The derivative of a variable with respect to an input or a state, by their numbers, see
     /// [`Variables::directional_derivative`](crate::Variables::directional_derivative).
     fn derivative(&self, unknown: u32, known: u32) -> f64;
+    /// The interval and the shift that the model calculates for the clock with a number.
+    fn clock_timing(&self, number: u32) -> Option<Timing>;
     /// Checks that all Real outputs are finite.
     fn check_outputs(&mut self) -> Result<(), ModelError>;
     /// A hash of the variables that cause an event by a new value, if the model is integrated and has any; else 0.

@@ -1,10 +1,18 @@
 //! The clocks of an instance: which model partitions a host activates, and when they tick. They are the sample clocks of
 //! a model with sample times in scheduled execution.
 
-use fmi_abi::fmi3::{fmi3IntervalChanged, fmi3IntervalQualifier, fmi3IntervalUnchanged};
+use std::thread;
 
-use crate::error::{ModelError, ensure};
-use crate::instance::{ClockUpdate, Instance};
+use fmi_abi::fmi3::{
+    fmi3Clock, fmi3IntervalChanged, fmi3IntervalNotYetKnown, fmi3IntervalQualifier,
+    fmi3IntervalUnchanged,
+};
+use fmu_description::{StateError, StateReader, StateWriter};
+
+use crate::any_model::AnyModel;
+use crate::error::{ModelError, ensure, refused};
+use crate::instance::{ClockUpdate, EventUpdate, Instance};
+use crate::model_clocks::Instant;
 
 /// What the clocks of a model do. A model without clocks has none of it in its binary.
 pub(crate) trait Clocks: Sync {
@@ -20,20 +28,81 @@ pub(crate) trait Clocks: Sync {
     /// A time of a clock (s) as a counter and its resolution.
     fn fraction(
         &self,
-        instance: &Instance,
+        instance: &mut Instance,
         clock: u32,
         time: f64,
     ) -> Result<(u64, u64), ModelError>;
 
     /// Whether an activation has news for the host: an output clock has ticked, or an interval is known.
-    fn has_update(&self, _instance: &Instance) -> bool {
+    fn has_update(&self, _instance: &mut Instance) -> bool {
         false
+    }
+
+    fn set_interval(&self, _: &mut Instance, _: u32, _interval: f64) -> Result<(), ModelError> {
+        refused!("the host does not set when clocks tick")
+    }
+
+    fn set_shift(&self, _: &mut Instance, _: u32, _shift: f64) -> Result<(), ModelError> {
+        refused!("the host does not set when clocks tick")
+    }
+
+    /// Says which clocks are active.
+    fn get(&self, _: &mut Instance, _: &[u32], _: &mut [fmi3Clock]) -> Result<(), ModelError> {
+        refused!("the model has no output clocks")
+    }
+
+    /// Activates and deactivates clocks in event mode.
+    fn set(&self, _: &mut Instance, _: &[u32], _: &[fmi3Clock]) -> Result<(), ModelError> {
+        refused!("clocks are not set in scheduled execution")
+    }
+
+    /// Computes what follows from active clocks, if that has not been done.
+    fn evaluate(&self, _: &mut Instance) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Ends an instant of super-dense time.
+    fn update(&self, _: &mut Instance) -> Result<EventUpdate, ModelError> {
+        refused!("event mode is not for scheduled execution")
+    }
+
+    /// Checks that the last instant is ended, as event mode is left.
+    fn check_ended(&self, _: &mut Instance) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// What must be done before the host gets variables.
+    fn before_get(&self, _: &mut Instance, _references: &[u32]) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// What must be done before the host sets variables, if it may.
+    fn before_set(&self, _: &mut Instance, _references: &[u32]) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Prepares the clocks of a model before its initialization.
+    fn prepare(&self, _: &mut Instance) {}
+
+    /// Takes and checks what the initialization says of clocks.
+    fn initialize(&self, _: &mut Instance) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Saves what is not in the model.
+    fn save(&self, _: &Instant, _: &mut StateWriter) -> Result<(), StateError> {
+        Ok(())
+    }
+
+    fn load(&self, _: &dyn AnyModel, _: &mut StateReader<'_>) -> Result<Instant, StateError> {
+        Ok(Instant::default())
     }
 }
 
 /// The interval of a clock (s), as the host last heard of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Interval {
+    NotYetKnown,
     Unchanged(f64),
     Changed(f64),
 }
@@ -41,6 +110,7 @@ pub(crate) enum Interval {
 impl Interval {
     fn in_c(self) -> (f64, fmi3IntervalQualifier) {
         match self {
+            Self::NotYetKnown => (0.0, fmi3IntervalNotYetKnown),
             Self::Unchanged(interval) => (interval, fmi3IntervalUnchanged),
             Self::Changed(interval) => (interval, fmi3IntervalChanged),
         }
@@ -62,10 +132,81 @@ impl Instance {
         self.clocks()?.activate(self, clock, time).map_err(ModelError::not_discarded)
     }
 
-    /// The callback to tell the host of news about clocks, if there are some.
-    pub(crate) fn clock_update(&self) -> Option<ClockUpdate> {
+    /// Begins to tell the host of news about clocks, if there are some: returns the callback, after which
+    /// [`end_clock_update`](Self::end_clock_update) follows. A host may preempt the callback by an activation on another
+    /// thread, where the instance is not in clock update mode.
+    pub(crate) fn begin_clock_update(&mut self) -> Option<ClockUpdate> {
         let has_update = self.shared.clocks.is_some_and(|clocks| clocks.has_update(self));
-        self.shared.settings.clock_update.clone().filter(|_| has_update)
+        let update = self.shared.settings.clock_update.clone().filter(|_| has_update)?;
+        self.shared.updating.push(thread::current().id());
+        Some(update)
+    }
+
+    pub(crate) fn end_clock_update(&mut self) {
+        let own = thread::current().id();
+        if let Some(place) = self.shared.updating.iter().rposition(|thread| *thread == own) {
+            self.shared.updating.remove(place);
+        }
+    }
+
+    pub(crate) fn get_clock(
+        &mut self,
+        references: &[u32],
+        values: &mut [fmi3Clock],
+    ) -> Result<(), ModelError> {
+        self.clocks()?.get(self, references, values)
+    }
+
+    pub(crate) fn set_clock(
+        &mut self,
+        references: &[u32],
+        values: &[fmi3Clock],
+    ) -> Result<(), ModelError> {
+        self.clocks()?.set(self, references, values)
+    }
+
+    pub(crate) fn evaluate_discrete_states(&mut self) -> Result<(), ModelError> {
+        self.clocks()?.evaluate(self)
+    }
+
+    pub(crate) fn set_interval_decimal(
+        &mut self,
+        references: &[u32],
+        intervals: &[f64],
+    ) -> Result<(), ModelError> {
+        let clocks = self.clocks()?;
+        let mut each = references.iter().zip(intervals);
+        each.try_for_each(|(&clock, &interval)| clocks.set_interval(self, clock, interval))
+    }
+
+    pub(crate) fn set_interval_fraction(
+        &mut self,
+        references: &[u32],
+        counters: &[u64],
+        resolutions: &[u64],
+    ) -> Result<(), ModelError> {
+        let intervals = quotients(counters, resolutions)?;
+        self.set_interval_decimal(references, &intervals)
+    }
+
+    pub(crate) fn set_shift_decimal(
+        &mut self,
+        references: &[u32],
+        shifts: &[f64],
+    ) -> Result<(), ModelError> {
+        let clocks = self.clocks()?;
+        let mut each = references.iter().zip(shifts);
+        each.try_for_each(|(&clock, &shift)| clocks.set_shift(self, clock, shift))
+    }
+
+    pub(crate) fn set_shift_fraction(
+        &mut self,
+        references: &[u32],
+        counters: &[u64],
+        resolutions: &[u64],
+    ) -> Result<(), ModelError> {
+        let shifts = quotients(counters, resolutions)?;
+        self.set_shift_decimal(references, &shifts)
     }
 
     pub(crate) fn get_interval_decimal(
@@ -123,4 +264,11 @@ impl Instance {
         }
         Ok(())
     }
+}
+
+/// Times (s) from counters and resolutions.
+fn quotients(counters: &[u64], resolutions: &[u64]) -> Result<Vec<f64>, ModelError> {
+    ensure!(!resolutions.contains(&0), "a resolution is 0; expected a positive number");
+    let fractions = counters.iter().zip(resolutions);
+    Ok(fractions.map(|(&counter, &resolution)| counter as f64 / resolution as f64).collect())
 }

@@ -15,6 +15,7 @@ use crate::instance::{Guid, Identity, Settings};
 use crate::laid_out::LaidOut;
 use crate::lifecycle::{InstanceType, NOT_SCHEDULED};
 use crate::model::Model;
+use crate::model_clocks;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 use crate::needs::Needs;
 use crate::pointers::{Pointer, readable};
@@ -31,6 +32,8 @@ pub struct Entry {
     naming: Naming,
     /// Its clocks, if it has some.
     clocks: Option<&'static dyn Clocks>,
+    /// Whether the clocks are those of model partitions.
+    has_partitions: bool,
     /// Whether the host activates its samples, so that it has scheduled execution only.
     has_sample_clocks: bool,
     /// Whether it has events: samples, ticks of clocks, or those of its equations. Hosts can then solve it in model exchange.
@@ -111,9 +114,13 @@ impl Entry {
             guid: guid_of_copy(embedded, &interface),
             naming: interface.naming,
             has_events: M::IS_SAMPLED || M::IS_CONTINUOUS || M::IS_CLOCKED,
-            clocks: if interface.sample_clocks.is_empty() { None } else { Some(&SampleClocks) },
+            clocks: match interface.sample_clocks {
+                [] => model_clocks::of::<M>(),
+                _ => Some(&SampleClocks),
+            },
+            has_partitions: M::IS_CLOCKED || !interface.sample_clocks.is_empty(),
             has_sample_clocks: !interface.sample_clocks.is_empty(),
-            create: match interface.sample_clocks.is_empty() {
+            create: match interface.sample_clocks.is_empty() && !M::IS_CLOCKED {
                 true => fast::create::<M, N>,
                 false => fast::create_preemptible::<M, N>,
             },
@@ -169,6 +176,11 @@ impl Entry {
         std::str::from_utf8(&self.guid).unwrap_or_default()
     }
 
+    /// Whether the model has clocks in a version of FMI.
+    fn has_clocks(&self, version: FmiVersion) -> bool {
+        version == FmiVersion::Fmi3 && self.clocks.is_some() && !self.has_sample_clocks
+    }
+
     /// Creates an instance, to be freed with [`fast::free`].
     ///
     /// # Errors
@@ -219,7 +231,7 @@ impl Entry {
         })?;
         match instance_type {
             InstanceType::ScheduledExecution
-                if model.clocks.is_none() || !InstanceType::HAS_SCHEDULED_EXECUTION =>
+                if !model.has_partitions || !InstanceType::HAS_SCHEDULED_EXECUTION =>
             {
                 Err(NOT_SCHEDULED.into())
             }
@@ -241,6 +253,10 @@ impl Entry {
             {
                 Err(format!("{} is for model exchange, not for co-simulation", model.name()))
             }
+            InstanceType::CoSimulation if model.has_clocks(version) => Err(format!(
+                "eventModeUsed is false, but {} has clocks, which tick in event mode; expected a host with event mode",
+                model.name()
+            )),
             InstanceType::CoSimulationWithEvents if !model.has_events => Err(format!(
                 "eventModeUsed is true, but {} has no event mode: hasEventMode is false",
                 model.name()

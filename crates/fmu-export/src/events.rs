@@ -19,24 +19,45 @@ impl Instance {
         let lifecycle = &mut self.shared.lifecycle;
         // In step mode, nothing is computed for event mode.
         lifecycle.stale |= lifecycle.state == State::StepMode;
+        self.shared.instant.begin();
         self.enter(State::Event);
         Ok(())
     }
 
     pub(crate) fn enter_continuous_time_mode(&mut self) -> Result<(), ModelError> {
+        self.check_instant_ended()?;
         self.enter(State::ContinuousTime);
         Ok(())
     }
 
     /// Enters step mode with the outputs of event mode.
     pub(crate) fn enter_step_mode(&mut self) -> Result<(), ModelError> {
+        self.check_instant_ended()?;
         self.bring_up_to_date().map_err(ModelError::not_discarded)?;
         self.enter(State::StepMode);
         Ok(())
     }
 
-    /// Handles what is due in event mode: samples, time events, and what has happened now.
-    pub(crate) fn handle_events(&mut self) -> Result<EventUpdate, ModelError> {
+    fn check_instant_ended(&mut self) -> Result<(), ModelError> {
+        self.shared.clocks.map_or(Ok(()), |clocks| clocks.check_ended(self))
+    }
+
+    /// Ends an instant of event mode.
+    pub(crate) fn update_instant(&mut self) -> Result<EventUpdate, ModelError> {
+        match self.shared.clocks {
+            Some(clocks) => clocks.update(self),
+            None => self.handle_events(),
+        }
+    }
+
+    fn handle_events(&mut self) -> Result<EventUpdate, ModelError> {
+        let states_changed = self.take_events()?;
+        Ok(EventUpdate { states_changed, next_event: self.next_event() })
+    }
+
+    /// Handles what is due in event mode: samples, time events, and what has happened now. Returns whether states
+    /// changed.
+    pub(crate) fn take_events(&mut self) -> Result<bool, ModelError> {
         let Lifecycle { instance_type, time, .. } = self.shared.lifecycle;
         let (info, before) = (self.model.info(), self.model.states());
         if self.shared.lifecycle.stale {
@@ -53,7 +74,7 @@ impl Instance {
         }
         let states_changed = self.model.states() != before;
         self.shared.lifecycle.integration.restarts |= states_changed;
-        Ok(EventUpdate { states_changed, next_event: self.next_event() })
+        Ok(states_changed)
     }
 
     fn take_due_samples(&mut self, time: f64) -> Result<(), ModelError> {

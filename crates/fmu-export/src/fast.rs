@@ -13,7 +13,11 @@ use std::slice::{from_raw_parts, from_raw_parts_mut};
 use fmi_abi::FmiFunction;
 use fmi_abi::state::State;
 
+use fmu_description::table::have_clocks;
+
 use crate::any_model::AnyModel;
+#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+use crate::edge::fmi3::{CLOCK_FUNCTIONS, ClockFunctions};
 use crate::error::ModelError;
 use crate::instance::{Edge, Identity, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
@@ -64,6 +68,9 @@ pub(crate) struct Vtable {
     pub(crate) count_elements: unsafe fn(Pointer, *const u32, usize) -> usize,
     instance: unsafe fn(Pointer) -> *mut Instance,
     free: unsafe fn(Pointer),
+    /// The functions of clocks, if the model has some.
+    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+    pub(crate) clock_functions: Option<&'static ClockFunctions>,
 }
 
 /// The head of a hosted instance; `None` for NULL.
@@ -104,7 +111,7 @@ pub(crate) unsafe fn refuse(pointer: Pointer, call: &FmiFunction, reason: &str) 
 /// # Safety
 /// As [`call`].
 #[inline(never)]
-unsafe fn use_instance(
+pub(crate) unsafe fn use_instance(
     pointer: Pointer,
     call: &FmiFunction,
     operation: &mut dyn FnMut(&mut Instance) -> Status,
@@ -187,6 +194,11 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         count_elements: Self::count_elements,
         instance: Self::instance,
         free: Self::free,
+        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+        clock_functions: match have_clocks(M::ROWS) {
+            true => Some(&CLOCK_FUNCTIONS),
+            false => None,
+        },
     };
     /// Functions that use the instance only if no preempted call does.
     const PREEMPTIBLE: Vtable = Vtable {
@@ -195,6 +207,8 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
         set_variables: set_float64,
         step: refuse_step,
+        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+        clock_functions: Some(&CLOCK_FUNCTIONS),
         ..Self::VTABLE
     };
 

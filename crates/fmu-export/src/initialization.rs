@@ -13,14 +13,26 @@ impl Instance {
     /// Computes the outputs from the start values and inputs; nothing changes if that fails.
     pub(crate) fn initialize(&mut self) -> Result<(), ModelError> {
         let before = self.model.copy();
-        let initialized = self.initialize_model();
+        let initialized = self.initialize_model().and_then(|()| match self.shared.clocks {
+            Some(clocks) => clocks.initialize(self),
+            None => Ok(()),
+        });
         if initialized.is_err() {
             self.model.assign(before.as_ref());
+            self.shared.lifecycle.stale = true;
         }
         initialized.map_err(|error| error.with_severity(Severity::Refused))
     }
 
     fn initialize_model(&mut self) -> Result<(), ModelError> {
+        let (model, shared) = (&mut self.model, &mut self.shared);
+        model.renew();
+        if let Some(starts) = &mut shared.starts {
+            model.take_starts(starts.as_mut());
+        }
+        if let Some(clocks) = shared.clocks {
+            clocks.prepare(self);
+        }
         let (model, shared) = (&mut self.model, &mut self.shared);
         let (info, lifecycle) = (model.info(), &shared.lifecycle);
         let start = Start {
@@ -28,10 +40,6 @@ impl Instance {
             is_model_exchange: lifecycle.instance_type.is_model_exchange(),
             resources: shared.settings.resources.clone(),
         };
-        model.renew();
-        if let Some(starts) = &mut shared.starts {
-            model.take_starts(starts.as_mut());
-        }
         model.behavior_mut().on_initialize(&start)?;
         let mut integration = IntegrationState { handled: start.time, ..IntegrationState::NONE };
         let is_eventful =

@@ -6,6 +6,7 @@ use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
+use std::thread::{self, ThreadId};
 
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FmiVersion};
@@ -20,6 +21,7 @@ use crate::error::{ModelError, Severity, ensure};
 use crate::layout::ModelInfo;
 use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::log::Log;
+use crate::model_clocks::Instant;
 use crate::preemption::Preemption;
 use crate::resources::Folder;
 
@@ -44,6 +46,8 @@ pub(crate) struct Edge {
     pub(crate) do_step: FmiFunction,
     /// The function that saves the state of an instance, which can be in the states that allow it.
     pub(crate) get_fmu_state: FmiFunction,
+    /// Whether the interface has clocks.
+    pub(crate) has_clocks: bool,
 }
 
 /// Tells the host that it may ask for clocks.
@@ -142,6 +146,10 @@ pub(crate) struct Shared {
     pub(crate) rate_clocks: RateClocks,
     /// The clocks of a model that has some.
     pub(crate) clocks: Option<&'static dyn Clocks>,
+    /// The present instant of a model with clocks, in event mode.
+    pub(crate) instant: Instant,
+    /// The threads on which the host is told of news about clocks, in scheduled execution.
+    pub(crate) updating: Vec<ThreadId>,
     pub(crate) settings: Settings,
     pub(crate) guid: &'static Guid,
     variant: Option<VariantStarts>,
@@ -169,6 +177,7 @@ impl<M: AnyModel> Instance<M> {
     ) -> Self {
         (&mut model as &mut dyn AnyModel).connect_logs(&settings.log);
         let info = model.info();
+        let clocks = clocks.filter(|_| settings.edge.has_clocks);
         // providesIntermediateUpdate is false for the others.
         let intermediate_update = (settings.intermediate_update).filter(|_| info.is_continuous);
         let settings = Settings { intermediate_update, ..settings };
@@ -184,6 +193,11 @@ impl<M: AnyModel> Instance<M> {
                 lifecycle: Lifecycle::new(settings.instance_type),
                 rate_clocks: RateClocks::unset(info.rates),
                 clocks,
+                instant: Instant::default(),
+                updating: Vec::with_capacity(match settings.instance_type {
+                    InstanceType::ScheduledExecution => 8, // so that an activation allocates nothing
+                    _ => 0,
+                }),
                 settings,
                 guid,
                 variant,
@@ -217,7 +231,7 @@ impl Instance {
         call: &FmiFunction,
         operation: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
-        let Lifecycle { instance_type, state, .. } = self.shared.lifecycle;
+        let (instance_type, state) = (self.shared.lifecycle.instance_type, self.state());
         if let Some(why) = instance_type.lacks(call, self.shared.clocks.is_some()) {
             return self.refuse(call, why);
         }
@@ -229,6 +243,15 @@ impl Instance {
             Ok(Err(error)) => self.fail(call, error),
             Err(panic) => self.fail_by_panic(call, panic),
         }
+    }
+
+    /// The state that a call finds: on a thread that is told of news about clocks, clock update mode.
+    fn state(&self) -> State {
+        let Shared { lifecycle, updating, .. } = &self.shared;
+        let is_updating = lifecycle.state == State::ClockActivation
+            && !updating.is_empty()
+            && updating.contains(&thread::current().id());
+        if is_updating { State::ClockUpdate } else { lifecycle.state }
     }
 
     /// Logs why a call failed.
@@ -341,6 +364,7 @@ impl Instance {
         shared.lifecycle = Lifecycle::new(shared.lifecycle.instance_type);
         shared.rate_clocks = RateClocks::unset(self.model.info().rates);
         shared.starts = None;
+        shared.instant = Instant::default();
         self.enter(State::Instantiated);
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::any::Any;
 
+use fmu_description::derive::Timing;
 use fmu_description::table::Declaration;
 use fmu_description::{
     Causality, Naming, StateError, StateReader, StateWriter, references, scalar,
@@ -155,6 +156,10 @@ impl<M: Model, const N: usize> AnyModel for LaidOut<M, N> {
     fn derivative(&self, unknown: u32, known: u32) -> f64 {
         let model = &self.model;
         model.directional_derivative(unknown as usize, known as usize)
+    }
+
+    fn clock_timing(&self, number: u32) -> Option<Timing> {
+        self.model.clock_timing(number as usize)
     }
 
     fn check_outputs(&mut self) -> Result<(), ModelError> {

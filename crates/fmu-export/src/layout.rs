@@ -28,8 +28,9 @@ impl Float64Place {
 
     pub(crate) const fn from_row(row: &ScalarVariable) -> Self {
         let variable = row.variable;
-        // The instance warns when a deprecated variable is set.
+        // The instance warns when a deprecated variable is set, and refuses a clocked one.
         let is_settable = variable.deprecated().is_empty()
+            && variable.clocks.is_empty()
             && matches!(
                 (variable.causality, variable.variability),
                 (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)

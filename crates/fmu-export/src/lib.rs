@@ -103,6 +103,7 @@ mod layout;
 mod lifecycle;
 mod log;
 mod model;
+mod model_clocks;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod needs;
 mod pointers;

@@ -86,7 +86,7 @@ impl Clocks for SampleClocks {
 
     fn fraction(
         &self,
-        _instance: &Instance,
+        _instance: &mut Instance,
         _clock: u32,
         _time: f64,
     ) -> Result<(u64, u64), ModelError> {

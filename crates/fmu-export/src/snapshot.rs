@@ -10,6 +10,7 @@ use crate::clock::RateClocks;
 use crate::error::{ModelError, ensure};
 use crate::instance::{Guid, Instance};
 use crate::lifecycle::Lifecycle;
+use crate::model_clocks::Instant;
 use crate::pointers::readable;
 use crate::saved::Saved;
 
@@ -33,6 +34,8 @@ pub(crate) struct Snapshot {
     clocks: RateClocks,
     starts: Option<Box<dyn AnyModel>>,
     model: Box<dyn AnyModel>,
+    /// Of a model with clocks.
+    instant: Instant,
 }
 
 impl Instance {
@@ -45,6 +48,7 @@ impl Instance {
             clocks: self.shared.rate_clocks.clone(),
             starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
             model: self.model.copy(),
+            instant: self.shared.instant.copy(),
         })
     }
 
@@ -85,6 +89,7 @@ impl Instance {
         shared.lifecycle = snapshot.lifecycle;
         shared.rate_clocks.clone_from(&snapshot.clocks);
         shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
+        shared.instant.assign(&snapshot.instant);
         Ok(())
     }
 
@@ -98,7 +103,9 @@ impl Instance {
             && state.clocks.save(&mut payload).is_ok()
             && payload.put(&state.starts.is_some()).is_ok()
             && state.model.save(&mut payload).is_ok()
-            && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok());
+            && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok())
+            && (self.shared.clocks)
+                .is_none_or(|clocks| clocks.save(&state.instant, &mut payload).is_ok());
         ensure!(is_own && saved, "the state belongs to another model");
         let mut bytes =
             [&MAGIC[..], &format.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
@@ -144,9 +151,13 @@ impl Instance {
         };
         let model = load()?;
         let starts = if has_starts { Some(load()?) } else { None };
+        let instant = match self.shared.clocks {
+            Some(clocks) => clocks.load(&self.model, &mut loader).map_err(|_| damaged())?,
+            None => Instant::default(),
+        };
         if !loader.is_empty() {
             return Err(damaged());
         }
-        Ok(Snapshot { guid: *expected, lifecycle, clocks, starts, model })
+        Ok(Snapshot { guid: *expected, lifecycle, clocks, starts, model, instant })
     }
 }

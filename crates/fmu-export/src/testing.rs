@@ -20,6 +20,7 @@ use crate::instance::{Edge, Identity, Instance, Settings, Status};
 use crate::laid_out::LaidOut;
 use crate::log::{Heading, Log};
 use crate::model::Model;
+use crate::model_clocks::{self, ModelClocks};
 use crate::pointers::Pointer;
 use crate::resources::Folder;
 use crate::single_instance::Place;
@@ -31,7 +32,9 @@ static EDGE: Edge = Edge {
     set_float64: FmiFunction { name: "set", ..calls::fmi2SetReal },
     do_step: FmiFunction { name: "step", ..calls::fmi2DoStep },
     get_fmu_state: calls::fmi2GetFMUstate,
+    has_clocks: true,
 };
+const TICK: FmiFunction = FmiFunction { name: "tick", ..calls::fmi2GetReal };
 const INITIALIZE: FmiFunction = FmiFunction { name: "initialize", ..calls::fmi2SetupExperiment };
 
 /// A model that a [`Driver`] drives, implemented by `#[derive(Model)]` for structs without type parameters.
@@ -51,7 +54,12 @@ pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
     let resources = Err("the test has set no folder of resources".to_owned());
     let settings = Settings::new(&EDGE, Log::new(None, false), Folder::Known(resources));
     let naming = Naming::chosen(None, M::NAMING);
-    let identity = Identity { guid: &[0; GUID_LENGTH], variant: None, naming, clocks: None };
+    let identity = Identity {
+        guid: &[0; GUID_LENGTH],
+        variant: None,
+        naming,
+        clocks: model_clocks::of::<M>(),
+    };
     let model = LaidOut::<M, N>::with_model(model, naming);
     DrivenInstance(HostedInstance::new(settings, identity, model))
 }
@@ -202,6 +210,65 @@ impl<M: Drive> Driver<M> {
         }
         self.count += 1.0;
         Ok(())
+    }
+
+    /// Lets input clocks tick, which are given by their names as in [`set`](Self::set), at the current time. Output clocks
+    /// that tick then are active until the next tick.
+    ///
+    /// ```
+    /// use fmu_export::prelude::*;
+    /// use fmu_export::testing::Driver;
+    ///
+    /// /// Answers a second after a request
+    /// #[derive(Model)]
+    /// #[model(clocked)]
+    /// pub struct Server {
+    ///     /// ticks when a request arrives
+    ///     #[input]
+    ///     request: Clock,
+    ///     /// ticks when the answer is ready
+    ///     #[input(countdown)]
+    ///     ready: Clock,
+    ///     /// ticks with the answer
+    ///     #[output]
+    ///     answer: Clock,
+    /// }
+    ///
+    /// impl Clocked for Server {
+    ///     fn tick(&mut self, _time: f64) -> Result<(), ModelError> {
+    ///         if self.request.is_active() {
+    ///             self.ready = Clock::after(1.0);
+    ///         }
+    ///         if self.ready.is_active() {
+    ///             self.answer = Clock::TICK;
+    ///         }
+    ///         Ok(())
+    ///     }
+    /// }
+    ///
+    /// let mut server = Driver::<Server>::new();
+    /// server.tick(&["request"])?;
+    /// assert_eq!(server.ready.interval(), Some(1.0));
+    /// server.step(1.0)?;
+    /// server.tick(&["ready"])?;
+    /// assert!(server.answer.is_active());
+    /// # Ok::<(), ModelError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// There is no such input clock, or the model cannot act at the tick.
+    pub fn tick(&mut self, clocks: &[&str]) -> Result<(), ModelError> {
+        if self.hosted.instance.shared.lifecycle.state == State::Instantiated {
+            self.initialize(0.0)?;
+        }
+        let named = clocks.iter().map(|name| self.variable_named(name));
+        let references = named.map(|found| found.map(|(reference, _)| reference));
+        let references: Vec<u32> = references.collect::<Result<_, _>>()?;
+        let time = self.time();
+        let instance = &mut self.hosted.instance;
+        let status =
+            instance.call(&TICK, |instance| ModelClocks::tick(instance, &references, time));
+        self.result(status)
     }
 
     /// Steps to a time (s), and returns the [`outputs`](Self::outputs) at the communication points, the first of

@@ -77,6 +77,9 @@ impl Instance {
         put: &mut dyn FnMut(usize, Value),
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
+        if let Some(clocks) = self.shared.clocks {
+            clocks.before_get(self, references)?;
+        }
         let elements = self.element_references(references, n)?;
         let needs_evaluation = self.model.has_derivatives(references);
         let saved = self.prepare_values(needs_evaluation)?;
@@ -161,7 +164,9 @@ impl Instance {
         references: &'a [u32],
         n: usize,
     ) -> Result<Cow<'a, [u32]>, ModelError> {
-        if self.shared.settings.edge.version == FmiVersion::Fmi2 {
+        let are_scalars = references.len() == n
+            && references.iter().all(|reference| self.elements_accessed(*reference) == Some(1));
+        if are_scalars || self.shared.settings.edge.version == FmiVersion::Fmi2 {
             return Ok(references.into());
         }
         let mut elements = Vec::new();
@@ -204,6 +209,9 @@ impl Instance {
             !references.iter().any(|&reference| self.is_time(reference)),
             "time is the independent variable, which the host does not set"
         );
+        if let Some(clocks) = self.shared.clocks {
+            clocks.before_set(self, references)?;
+        }
         let elements = self.element_references(references, n)?;
         for (i, &element) in elements.iter().enumerate() {
             self.check(of_type, element, given(i))?;

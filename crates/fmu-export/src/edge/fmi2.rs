@@ -30,6 +30,7 @@ static EDGE: Edge = Edge {
     set_float64: calls::fmi2SetReal,
     do_step: calls::fmi2DoStep,
     get_fmu_state: calls::fmi2GetFMUstate,
+    has_clocks: false,
 };
 
 fmi2_functions!(entries! fmi2Component fmi2Status);
@@ -186,7 +187,7 @@ trait Operations: BorrowMut<Instance> {
     }
 
     fn update_discrete_states(&mut self, info: &mut fmi2EventInfo) -> Result<(), ModelError> {
-        let update = self.borrow_mut().handle_events()?;
+        let update = self.borrow_mut().update_instant()?;
         *info = fmi2EventInfo {
             newDiscreteStatesNeeded: fmi2False,
             terminateSimulation: fmi2False,

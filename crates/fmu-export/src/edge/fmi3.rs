@@ -24,7 +24,7 @@ use super::instantiate;
 use crate::any_model::SolverVector;
 use crate::entry::Entry;
 use crate::error::ModelError;
-use crate::fast::{call, free, head, instance_at};
+use crate::fast::{self, call, free, head, instance_at};
 use crate::instance::{ClockUpdate, Edge, Instance, IntermediateUpdate, Settings, Status};
 use crate::lifecycle::InstanceType;
 use crate::log::{Log, Sink};
@@ -40,9 +40,11 @@ pub(super) static EDGE: Edge = Edge {
     set_float64: calls::fmi3SetFloat64,
     do_step: calls::fmi3DoStep,
     get_fmu_state: calls::fmi3GetFMUState,
+    has_clocks: true,
 };
 
 fmi3_functions!(entries! fmi3Instance fmi3Status);
+fmi3_functions!(clock_functions!);
 
 /// Why a function of the model is not supported.
 pub(super) fn unsupported(name: &str) -> &'static str {
@@ -229,6 +231,12 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     fmi3Status(status as c_int)
 }
 
+/// Ends an update of clocks, also if the instance has failed in it.
+fn end_clock_update(instance: &mut Instance) -> Status {
+    instance.end_clock_update();
+    Status::Ok
+}
+
 exported! { ScheduledExecution
     /// `fmi3ActivateModelPartition`
     pub unsafe extern "C" fn fmi3ActivateModelPartition(
@@ -241,13 +249,15 @@ exported! { ScheduledExecution
         let status = unsafe {
             call(instance, operation, |instance| {
                 instance.activate_model_partition(clock, time)?;
-                update = instance.clock_update();
+                update = instance.begin_clock_update();
                 Ok(())
             })
         };
         // The host may call functions of the instance, which no call uses now.
         if let Some(update) = update {
             update();
+            // SAFETY: as above.
+            unsafe { fast::use_instance(instance, operation, &mut end_clock_update) };
         }
         fmi3Status(status as c_int)
     }
@@ -401,7 +411,7 @@ trait Operations: BorrowMut<Instance> {
         next_event_defined: &mut fmi3Boolean,
         next_event: &mut f64,
     ) -> Result<(), ModelError> {
-        let update = self.borrow_mut().handle_events()?;
+        let update = self.borrow_mut().update_instant()?;
         (*needs_update, *terminate, *nominals_changed) = (fmi3False, fmi3False, fmi3False);
         *states_changed = update.states_changed.into();
         *next_event_defined = update.next_event.is_some().into();

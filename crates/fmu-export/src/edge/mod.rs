@@ -89,22 +89,22 @@ macro_rules! entry {
     ($i:ident $s:ident $group:ident fmi3DoStep $($row:tt)*) => {};
     // It may call back the host.
     ($i:ident $s:ident $group:ident fmi3ActivateModelPartition $($row:tt)*) => {};
+    // Models with clocks have their functions, which other libraries do not contain.
+    ($i:ident $s:ident Clocks $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
+        exported! { All
+            #[doc = concat!("`", stringify!($name), "`")]
+            pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
+                // SAFETY: the host's promises, as for all entry points.
+                unsafe {
+                    match head(instance).and_then(|head| head.vtable.clock_functions) {
+                        Some(functions) => (functions.$operation)(instance, $($arg),*),
+                        None => $s(crate::edge::refuse(instance, &calls::$name, unsupported) as c_int),
+                    }
+                }
+            }
+        }
+    };
     // Declared as unsupported by the model description. Importers bind them anyway.
-    ($i:ident $s:ident Clocks fmi3GetIntervalDecimal $($row:tt)*) => {
-        entry!($i $s All fmi3GetIntervalDecimal $($row)*);
-    };
-    ($i:ident $s:ident Clocks fmi3GetIntervalFraction $($row:tt)*) => {
-        entry!($i $s All fmi3GetIntervalFraction $($row)*);
-    };
-    ($i:ident $s:ident Clocks fmi3GetShiftDecimal $($row:tt)*) => {
-        entry!($i $s All fmi3GetShiftDecimal $($row)*);
-    };
-    ($i:ident $s:ident Clocks fmi3GetShiftFraction $($row:tt)*) => {
-        entry!($i $s All fmi3GetShiftFraction $($row)*);
-    };
-    ($i:ident $s:ident Clocks $name:ident $arguments:tt $operation:ident $($states:ident)|+) => {
-        entry!($i $s All $name $arguments $operation NOWHERE);
-    };
     ($i:ident $s:ident $group:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident NOWHERE) => {
         exported! { $group
             #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
@@ -120,21 +120,56 @@ macro_rules! entry {
             #[allow(unused_variables, reason = "the slices have the lengths")]
             #[allow(unused_mut, reason = "some arguments are pointers that may be NULL")]
             pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
-                let call = &calls::$name;
-                // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
-                // NULL or valid, those to arrays for the lengths passed with them; zero-terminated texts.
-                let status = unsafe {
-                    let arguments = || Ok::<_, &str>(($(convert!($arg $kind)?,)*));
-                    match arguments() {
-                        Ok(($(mut $arg,)*)) => crate::fast::call(
-                            instance, call, |instance| apply!(instance.$operation [] $($arg: $kind,)*)
-                        ),
-                        Err(why) => crate::fast::refuse(instance, call, why),
-                    }
-                };
-                $s(status as c_int)
+                perform!(instance $s $name $operation $($arg: $kind),*)
             }
         }
+    };
+}
+
+/// Performs an operation with the arguments of a host, if they are valid and the state allows the call.
+macro_rules! perform {
+    ($instance:ident $s:ident $name:ident $operation:ident $($arg:ident: $kind:tt),*) => {{
+        let call = &calls::$name;
+        // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
+        // NULL or valid, those to arrays for the lengths passed with them; zero-terminated texts.
+        let status = unsafe {
+            let arguments = || Ok::<_, &str>(($(convert!($arg $kind)?,)*));
+            match arguments() {
+                Ok(($(mut $arg,)*)) => crate::fast::call(
+                    $instance, call, |instance| apply!(instance.$operation [] $($arg: $kind,)*)
+                ),
+                Err(why) => crate::fast::refuse($instance, call, why),
+            }
+        };
+        $s(status as c_int)
+    }};
+}
+
+/// Defines the functions of clocks.
+macro_rules! clock_functions {
+    (
+        Free { $($_0:tt)* }
+        All { $($_1:tt)* }
+        Clocks { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($_2:ident)|+;)* }
+        $($_3:ident { $($_4:tt)* })*
+    ) => {
+        /// The functions of models with clocks, under the names of their operations.
+        pub(crate) struct ClockFunctions {
+            $($operation: unsafe extern "C" fn(fmi3Instance, $(c_type!($kind)),*) -> fmi3Status,)*
+        }
+
+        /// All of them.
+        #[allow(unused_variables, unused_mut, reason = "as for other entry points")]
+        pub(crate) static CLOCK_FUNCTIONS: ClockFunctions = ClockFunctions {
+            $($operation: {
+                unsafe extern "C" fn $operation(
+                    instance: fmi3Instance, $($arg: c_type!($kind)),*
+                ) -> fmi3Status {
+                    perform!(instance fmi3Status $name $operation $($arg: $kind),*)
+                }
+                $operation
+            },)*
+        };
     };
 }
 

@@ -79,6 +79,9 @@ pub struct Intermediate {
     pub can_return: bool,
 }
 
+/// What a host does when it is told of news about clocks.
+type OnClockUpdate = Box<dyn FnMut(Fmu)>;
+
 /// What a host does in an intermediate update; it may request an early return at a time.
 type OnUpdate = Box<dyn FnMut(Fmu, Intermediate) -> Option<f64>>;
 
@@ -89,6 +92,7 @@ pub struct Host {
     messages: RefCell<Vec<Message>>,
     pub updates: RefCell<Vec<Intermediate>>,
     on_update: RefCell<Option<OnUpdate>>,
+    on_clock_update: RefCell<Option<OnClockUpdate>>,
 }
 
 unsafe extern "C" fn receive_2(
@@ -151,6 +155,14 @@ unsafe extern "C" fn update(
         unsafe { (*requested, *return_time) = (fmi3True, end) };
     }
     *host.on_update.borrow_mut() = act;
+}
+
+unsafe extern "C" fn clock_update(host: *mut c_void) {
+    // SAFETY: the host comes from `Instance::with`.
+    let host = unsafe { &*host.cast::<Host>() };
+    if let Some(act) = host.on_clock_update.borrow_mut().as_mut() {
+        act(host.instance.get().unwrap());
+    }
 }
 
 thread_local! {
@@ -261,7 +273,8 @@ impl Instance {
                     models, name, token, path, 0, debug.into(), environment, log,
                 ),
                 (Fmi3, Scheduled) => instantiate_scheduled_execution(
-                    models, name, token, path, 0, debug.into(), environment, log, None, Some(lock), Some(unlock),
+                    models, name, token, path, 0, debug.into(), environment, log, Some(clock_update), Some(lock),
+                    Some(unlock),
                 ),
                 (Fmi3, _) => instantiate_co_simulation(
                     models, name, token, path, 0, debug.into(), events, early, needed, n, environment, log, update,
@@ -318,6 +331,11 @@ impl Instance {
     /// What the host does in intermediate updates.
     pub fn on_update(&self, act: impl FnMut(Fmu, Intermediate) -> Option<f64> + 'static) {
         *self.host.on_update.borrow_mut() = Some(Box::new(act));
+    }
+
+    /// What the host does when it is told of news about clocks.
+    pub fn on_clock_update(&self, act: impl FnMut(Fmu) + 'static) {
+        *self.host.on_clock_update.borrow_mut() = Some(Box::new(act));
     }
 
     /// The times of the intermediate updates since the last call.

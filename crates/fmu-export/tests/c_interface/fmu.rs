@@ -269,6 +269,14 @@ methods! {
         clocks: &[u32], counters: &mut [u64], resolutions: &mut [u64], qualifiers: &mut [c_int]
     ) = get_interval_fraction;
     get_shifts(clocks: &[u32], to: &mut [f64]) = get_shift_decimal;
+    get_shift_fractions(clocks: &[u32], counters: &mut [u64], resolutions: &mut [u64]) = get_shift_fraction;
+    set_intervals(clocks: &[u32], intervals: &[f64]) = set_interval_decimal;
+    set_interval_fractions(clocks: &[u32], counters: &[u64], resolutions: &[u64]) = set_interval_fraction;
+    set_shifts(clocks: &[u32], shifts: &[f64]) = set_shift_decimal;
+    set_shift_fractions(clocks: &[u32], counters: &[u64], resolutions: &[u64]) = set_shift_fraction;
+    get_clocks(clocks: &[u32], to: &mut [u8]) = get_clock;
+    set_clocks(clocks: &[u32], values: &[u8]) = set_clock;
+    evaluate() = evaluate_discrete_states;
 }
 
 /// Defines the access to numbers, in the type that a version has for them.

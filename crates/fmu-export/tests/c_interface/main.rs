@@ -7,6 +7,7 @@
 #![allow(non_upper_case_globals, reason = "the names of the standard")]
 
 mod authors;
+mod clocks;
 mod driver;
 mod events;
 mod exchange;
