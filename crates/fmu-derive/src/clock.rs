@@ -57,9 +57,6 @@ pub fn check(field: &Field) -> Result<()> {
         return error(&field.ident, what);
     }
     check_positive(interval)?;
-    let is_negative = |e: &Expression| e.is_literal() && e.number().is_none();
-    let shift = options.expression("shift");
-    refuse(shift, shift.is_some_and(is_negative), "expected a number")?;
     for option in TIMES {
         let uses_self = options.expression(option).filter(|expression| expression.uses_self());
         let what = match kind {
@@ -71,11 +68,11 @@ pub fn check(field: &Field) -> Result<()> {
         let is_known = matches!(kind, Constant | Fixed) || option == "resolution";
         refuse(uses_self, is_known, &what)?;
     }
-    let shift = shift.filter(|shift| shift.uses_self());
+    let shift = options.expression("shift").filter(|shift| shift.uses_self());
     refuse(
         shift,
         kind == Tunable && constant(options, "interval").is_some(),
-        "the host sets the interval and knows the shift, which is a constant; or expected an interval that the model calculates",
+        "the shift is a constant, as the interval is; expected an interval that the model calculates, too",
     )
 }
 
