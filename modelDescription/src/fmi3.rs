@@ -90,10 +90,10 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
             .with("providesDirectionalDerivatives", has_derivatives)
             .with("providesAdjointDerivatives", has_derivatives)
             .with("providesPerElementDependencies", false)
-            .with("providesEvaluateDiscreteStates", has_clocks)
     };
-    let exchange = interface("ModelExchange").with("needsCompletedIntegratorStep", false);
-    let co_simulation = interface("CoSimulation")
+    let with_events = |name| interface(name).with("providesEvaluateDiscreteStates", has_clocks);
+    let exchange = with_events("ModelExchange").with("needsCompletedIntegratorStep", false);
+    let co_simulation = with_events("CoSimulation")
         .with("canHandleVariableCommunicationStepSize", !model.has_fixed_step)
         .with("maxOutputDerivativeOrder", model.max_output_derivative_order())
         .with("providesIntermediateUpdate", model.is_continuous)
