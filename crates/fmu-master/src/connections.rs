@@ -3,9 +3,10 @@
 use std::collections::HashSet;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{Causality, MimeType, Type};
+use fmu_description::{Causality, MimeType, Type, Variable};
 
 use crate::components::{Components, LoadedComponent, ScalarId};
+use crate::terminals::Terminal;
 use crate::{Connection, Conversion, Description, Fault};
 
 /// A resolved connection.
@@ -25,17 +26,67 @@ pub(crate) fn resolve(
     description: &Description,
     components: &Components,
 ) -> Result<Vec<ResolvedConnection>> {
-    let connections = description.connections.iter().map(|connection| {
-        let Connection { from, to, conversion, faults } = connection;
+    let mut connections = Vec::new();
+    for Connection { from, to, conversion, faults } in &description.connections {
         let mut all = faults.iter();
         let checked = all.try_for_each(|fault| fault.check(description.step));
         checked.with_context(|| format!("{from} -> {to}"))?;
+        if let Some(pairs) = between_terminals(components, from, to)? {
+            ensure!(
+                conversion.is_none() && faults.is_empty(),
+                "{from} -> {to} connects terminals, expected neither a conversion nor faults"
+            );
+            let connected =
+                |(from, to)| ResolvedConnection { from, to, conversion: None, faults: Vec::new() };
+            connections.extend(pairs.into_iter().map(connected));
+            continue;
+        }
         let (from, to) = (components.scalar(from)?, components.settable(to)?);
-        Ok(ResolvedConnection { from, to, conversion: *conversion, faults: faults.clone() })
-    });
-    let connections = connections.collect::<Result<Vec<_>>>()?;
+        let (conversion, faults) = (*conversion, faults.clone());
+        connections.push(ResolvedConnection { from, to, conversion, faults });
+    }
     check(components, &connections)?;
     Ok(connections)
+}
+
+/// The connections between the members of two terminals, if the names are those of terminals and not of variables.
+fn between_terminals(
+    components: &Components,
+    from: &str,
+    to: &str,
+) -> Result<Option<Vec<(ScalarId, ScalarId)>>> {
+    let terminal = |name: &str| -> Result<Option<(usize, Terminal)>> {
+        let Ok((component, rest)) = components.split(name) else { return Ok(None) };
+        let fmu = &components[component].fmu;
+        if fmu.scalar(rest).is_ok() {
+            return Ok(None);
+        }
+        let all = fmu.terminals().with_context(|| fmu.path.display().to_string())?;
+        let found = all.into_iter().find(|terminal| terminal.name == rest);
+        Ok(found.map(|terminal| (component, terminal)))
+    };
+    let ((of_one, one), (of_other, other)) = match (terminal(from)?, terminal(to)?) {
+        (None, None) => return Ok(None),
+        (Some(one), Some(other)) => (one, other),
+        (Some(_), None) => bail!("{from} is a terminal, but {to} is none"),
+        (None, Some(_)) => bail!("{to} is a terminal, but {from} is none"),
+    };
+    let pairs = one.pairs(&other).with_context(|| format!("{from} -> {to}"))?;
+    let connected = |(one, other)| {
+        let [one, other] = [(of_one, one), (of_other, other)].map(|(component, variable)| {
+            let scalar = components[component].fmu.scalar(variable);
+            scalar.map(|scalar| ScalarId { component, scalar })
+        });
+        let (one, other) = (one?, other?);
+        // A clock that the master ticks feeds one that ticks with it.
+        let is_source = |id: ScalarId| {
+            let Variable { causality, clock, .. } = id.variable(components);
+            *causality == Causality::Output
+                || clock.is_some_and(|c| c.interval_variability.is_time_based())
+        };
+        Ok(if is_source(one) { (one, other) } else { (other, one) })
+    };
+    pairs.into_iter().map(connected).collect::<Result<_>>().map(Some)
 }
 
 /// Checks that every connection leads from an output to a matching input, and that no input is connected twice.

@@ -10,12 +10,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use fmu_description::{FmiVersion, Type, Value, Variable};
+use fmu_file::archive::{TERMINALS, read_ssp};
 use fmu_host::{Instance, InterfaceType};
 
 pub(crate) use self::jacobian::JacobianStructure;
 use crate::code::{Code, UnpackedBinary};
 use crate::declarations::Units;
 use crate::similar::similar;
+use crate::terminals::{self, Terminal};
 use crate::{Advice, Function, Messages};
 
 /// An FMU for co-simulation or model exchange.
@@ -122,6 +124,19 @@ impl Fmu {
             jacobian: JacobianStructure::default(),
             is_directional: false,
             saves: Saves { in_memory: false, in_file: false },
+        }
+    }
+
+    /// The terminals.
+    ///
+    /// # Errors
+    /// Their file cannot be read.
+    pub(crate) fn terminals(&self) -> Result<Vec<Terminal>> {
+        let Code::Binary(binary) = &self.code else { return Ok(Vec::new()) };
+        let file = binary.folder.path().join(TERMINALS);
+        match file.exists() {
+            true => terminals::read(&read_ssp(&file)?),
+            false => Ok(Vec::new()),
         }
     }
 

@@ -102,6 +102,7 @@ mod system_file;
 pub mod table;
 mod table_inputs;
 mod table_parameters;
+mod terminals;
 pub mod trace;
 pub mod vector;
 mod wiring;
