@@ -3,7 +3,7 @@
 
 use crate::ClockType;
 use crate::hash::Hash;
-use crate::scalar::{ScalarVariable, scalar_at, variable_with_hash};
+use crate::scalar::{ScalarVariable, length, scalar_at, variable_with_hash};
 use crate::table::{
     Bounds, Constant, Declaration, Dynamics, MAX_NAME, TableRow, each, have_clocks,
 };
@@ -245,6 +245,10 @@ pub const fn check(scalars: &[ScalarVariable], is_integrated: bool) {
         if let Some(clock) = scalar.variable.start.clock() {
             check_counters(clock);
         }
+        assert!(
+            scalar.variable.network.is_empty() || length(&scalar.group_parts()) > 0,
+            "the terminal of a network has the name of its struct; expected #[nested] without `flatten` in the model"
+        );
         check_dynamics(scalar, scalars);
         check_size(scalar, scalars);
     });

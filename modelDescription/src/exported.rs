@@ -50,6 +50,9 @@ pub struct ExportedModel {
     /// is part of the supplement of a copy.
     #[serde(skip)]
     pub has_sample_clocks: bool,
+    /// Whether it simulates a bus, for the manifest of FMI-LS-BUS.
+    #[serde(skip)]
+    pub is_bus_simulation: bool,
     /// Start time of the default experiment (s). It is no part of the copy in a binary, as those below.
     #[serde(skip)]
     pub start_time: f64,
@@ -69,6 +72,8 @@ pub struct ExportedModel {
 pub(crate) struct Supplement {
     /// See [`ExportedModel::is_clocked`].
     is_clocked: bool,
+    /// See [`ExportedModel::is_bus_simulation`].
+    is_bus_simulation: bool,
     /// See [`Interface::sample_clocks`](crate::Interface::sample_clocks).
     sample_clocks: Vec<String>,
     variables: Vec<SupplementedVariable>,
@@ -81,16 +86,21 @@ struct SupplementedVariable {
     clocks: Vec<u32>,
     max_size: Option<usize>,
     clock: Option<ClockType>,
+    network: Option<(String, String)>,
 }
 
 impl ExportedModel {
     /// Adds the supplement of its copy.
     pub(crate) fn supplement(&mut self, supplement: Supplement) {
-        self.is_clocked = supplement.is_clocked;
-        for SupplementedVariable { reference, clocks, max_size, clock } in supplement.variables {
+        (self.is_clocked, self.is_bus_simulation) =
+            (supplement.is_clocked, supplement.is_bus_simulation);
+        for SupplementedVariable { reference, clocks, max_size, clock, network } in
+            supplement.variables
+        {
             let found = self.variables.iter_mut().find(|v| v.reference == reference);
             if let Some(variable) = found {
                 (variable.clocks, variable.max_size, variable.clock) = (clocks, max_size, clock);
+                variable.exported.network = network;
             }
         }
         if !supplement.sample_clocks.is_empty() {

@@ -1,11 +1,11 @@
-//! The model description of FMI 3.0, and terminals.
+//! The model description of FMI 3.0.
 
 use anyhow::{Result, bail, ensure};
 
 use crate::exported::ExportedModel;
 use crate::variable::{ExportInfo, Variable};
 use crate::xml::Element;
-use crate::{Causality, ClockType, FmiVersion, Type, Variability};
+use crate::{Causality, ClockType, Type, Variability};
 
 /// Name of the independent variable.
 const TIME: &str = "time";
@@ -105,57 +105,4 @@ pub(crate) fn interfaces(model: &ExportedModel, root: Element<'static>) -> Eleme
     root.holding_all(model.is_for_model_exchange().then_some(exchange))
         .holding_all(model.is_for_co_simulation().then_some(co_simulation))
         .holding_all(model.is_for_scheduled_execution().then_some(scheduled))
-}
-
-/// Corners of the icon and of the coordinate system that it fills.
-const CORNERS: [(&str, i32); 4] = [("x1", -100), ("y1", -100), ("x2", 100), ("y2", 100)];
-
-impl ExportedModel {
-    /// Generates `terminalsAndIcons.xml` of FMI 3.0; `None` if there is neither a terminal nor an icon.
-    /// Two terminals match if they have members of the same names.
-    ///
-    /// # Errors
-    /// Two members of a terminal have the same name.
-    pub fn terminals(&self, has_icon: bool) -> Result<Option<Element<'static>>> {
-        let mut terminals: Vec<Element<'static>> = Vec::new();
-        for variable in &self.variables {
-            let Some((name, member)) = variable.exported.terminal.split_once('.') else { continue };
-            let index = match terminals.iter().position(|t| t.attribute("name") == Some(name)) {
-                Some(index) => index,
-                None => {
-                    let terminal = Element::new("Terminal").with("name", name);
-                    terminals.push(terminal.with("matchingRule", "plug"));
-                    terminals.len() - 1
-                }
-            };
-            let members = &mut terminals[index].children;
-            ensure!(
-                members.iter().all(|other| other.attribute("memberName") != Some(member)),
-                "two variables of {} are the member {member} of the terminal {name}; expected different members",
-                self.name
-            );
-            members.push(
-                Element::new("TerminalMemberVariable")
-                    .with("variableName", &variable.name)
-                    .with("memberName", member)
-                    .with("variableKind", "signal"),
-            );
-        }
-        let is_empty = terminals.is_empty() && !has_icon;
-        let root = Element::new("fmiTerminalsAndIcons")
-            .with("fmiVersion", FmiVersion::Fmi3.as_str())
-            .holding_all(has_icon.then(graphics))
-            .listing("Terminals", terminals);
-        Ok((!is_empty).then_some(root))
-    }
-}
-
-fn graphics() -> Element<'static> {
-    let corners = |name| {
-        let element = Element::new(name);
-        CORNERS.iter().fold(element, |element, (name, value)| element.with(name, value))
-    };
-    Element::new("GraphicalRepresentation")
-        .holding(corners("CoordinateSystem").with("suggestedScalingFactorTo_mm", 0.1))
-        .holding(corners("Icon"))
 }

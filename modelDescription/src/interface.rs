@@ -22,6 +22,8 @@ pub struct Interface {
     pub is_continuous: bool,
     /// Whether it acts only at the ticks of its clocks.
     pub is_clocked: bool,
+    /// Whether it simulates a bus, for the manifest of FMI-LS-BUS.
+    pub is_bus_simulation: bool,
     /// Whether it has a log of its own.
     pub has_log: bool,
     /// The log categories that it declares.
@@ -390,7 +392,7 @@ const fn supplemented(interface: &Interface) -> usize {
 
 /// Whether the supplement of a copy has a variable.
 const fn is_supplemented(field: &Declaration) -> bool {
-    field.is_of_ticks() || matches!(field.bounds, Bounds::Size(_))
+    field.is_of_ticks() || matches!(field.bounds, Bounds::Size(_)) || !field.network.is_empty()
 }
 
 /// Writes a copy of `N` bytes, or counts the bytes if `N` is too small: a `ExportedModel`, as postcard reads it.
@@ -499,7 +501,7 @@ impl<const N: usize> CopyWriter<N> {
 
     /// Adds a `Supplement` with so many variables.
     const fn supplement(&mut self, interface: &Interface, count: usize) {
-        self.raw(&[interface.is_clocked as u8]);
+        self.raw(&[interface.is_clocked as u8, interface.is_bus_simulation as u8]);
         self.number(interface.sample_clocks.len() as u128);
         each!(clock in interface.sample_clocks => { self.text(clock.as_bytes()); });
         self.number(count as u128);
@@ -515,6 +517,11 @@ impl<const N: usize> CopyWriter<N> {
                 match field.start.clock() {
                     Some(clock) => self.clock(clock),
                     None => self.raw(&[0]),
+                }
+                self.raw(&[!field.network.is_empty() as u8]);
+                if !field.network.is_empty() {
+                    self.parts(&scalar.group_parts());
+                    self.text(field.network.as_bytes());
                 }
             }
         });

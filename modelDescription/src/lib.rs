@@ -52,6 +52,8 @@ pub mod scalar;
 mod state;
 #[cfg(feature = "table")]
 pub mod table;
+#[cfg(feature = "xml")]
+mod terminals;
 pub mod unit;
 pub mod value;
 #[cfg(feature = "xml")]

@@ -142,6 +142,20 @@ impl ScalarVariable {
         parts
     }
 
+    /// The parts of the name of the group of the variable, without periods at its end.
+    pub(crate) const fn group_parts(&self) -> NameParts {
+        let mut parts = [""; 2 * MAX_DEPTH + 2];
+        let mut is_first = true;
+        each!(i, prefix in self.prefixes => {
+            if !prefix.is_empty() {
+                parts[2 * i] = if is_first { "" } else { "." };
+                parts[2 * i + 1] = prefix;
+                is_first = false;
+            }
+        });
+        parts
+    }
+
     /// Length of the name of the last element, from the name of the variable or an alias.
     pub(crate) const fn last_name_length(&self, name: &'static str) -> usize {
         let mut length = length(&self.parts_of(name));
@@ -257,6 +271,7 @@ pub const fn scalars<const N: usize>(rows: &'static [TableRow]) -> ([ScalarVaria
         depends_on: &[],
         has_input_derivative: false,
         terminal: "",
+        network: "",
     };
     const EMPTY: ScalarVariable = ScalarVariable {
         variable: NONE,

@@ -89,6 +89,9 @@ pub struct Declaration {
     pub has_input_derivative: bool,
     /// Its terminal, and its name there, as `terminal.member`; empty if it is in none.
     pub terminal: &'static str,
+    /// Its name in the terminal of a network that its struct is, which is named as the struct, or in the configuration of
+    /// that terminal, as `Configuration.member`; empty if it is in none.
+    pub network: &'static str,
 }
 
 /// How a variable has changed since earlier versions of its model.

@@ -80,6 +80,10 @@ pub struct ExportInfo {
     pub depends_on: Vec<usize>,
     /// Its terminal, and its name there, as `terminal.member`; empty if it is in none.
     pub terminal: String,
+    /// The terminal of a network that it belongs to, and its name there, or `Configuration.` and its name in the
+    /// configuration. In a copy, it is part of the supplement.
+    #[serde(skip)]
+    pub network: Option<(String, String)>,
     /// How the names of its elements are written; known of the model, and not copied for each variable.
     #[serde(skip)]
     pub naming: Naming,

@@ -23,6 +23,7 @@ pub struct Port {
     /// Operations from the bus
     #[input(
         name = "Rx_Data",
+        network = "Rx_Data",
         clocks(Rx_Clock),
         max_size = MAX_SIZE,
         mime_type = "application/org.fmi-standard.fmi-ls-bus.can; version=\"1.0.0\""
@@ -31,16 +32,17 @@ pub struct Port {
     /// Operations to the bus
     #[output(
         name = "Tx_Data",
+        network = "Tx_Data",
         clocks(Tx_Clock),
         max_size = MAX_SIZE,
         mime_type = "application/org.fmi-standard.fmi-ls-bus.can; version=\"1.0.0\""
     )]
     pub tx_data: Vec<u8>,
     /// Ticks when operations come from the bus
-    #[input(name = "Rx_Clock")]
+    #[input(name = "Rx_Clock", network = "Rx_Clock")]
     pub rx_clock: Clock,
     /// Ticks when operations go to the bus
-    #[input(name = "Tx_Clock", countdown)]
+    #[input(name = "Tx_Clock", network = "Tx_Clock", countdown)]
     pub tx_clock: Clock,
 }
 
@@ -128,7 +130,7 @@ pub struct CanNode {
     #[nested(flatten)]
     pub port: Port,
     /// Whether the bus confirms frames
-    #[parameter(name = "BusNotifications")]
+    #[parameter(name = "BusNotifications", network = "Configuration.BusNotifications")]
     pub notifications: bool,
     /// Baud rate in bit/s; 0 for the one of the bus
     #[parameter(start = 500_000)]

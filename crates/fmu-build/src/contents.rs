@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use cargo_metadata::Metadata;
 use fmu_description::{FmiVersion, ModelDescription, xml};
-use fmu_file::archive::{DOCUMENTATION, ICON, ICON_3, TERMINALS};
+use fmu_file::archive::{BUS_MANIFEST, DOCUMENTATION, ICON, ICON_3, TERMINALS};
 
 use crate::library::{ModelLibrary, NamedFile, read};
 use crate::model::BuiltModel;
@@ -58,6 +58,9 @@ pub fn files(model: &BuiltModel<'_>, metadata: &Metadata) -> Result<Vec<NamedFil
     files.extend(licenses.into_iter().map(below("documentation")));
     if is_fmi_3 && let Some(xml) = model.description.terminals(icon.is_some())? {
         files.push((TERMINALS.to_owned(), xml.document()?.into_bytes()));
+    }
+    if is_fmi_3 && let Some(xml) = model.description.bus_manifest() {
+        files.push((BUS_MANIFEST.to_owned(), xml.document()?.into_bytes()));
     }
     files.extend(icon);
     let resources = read(&folder.join("resources")).context("the resources cannot be used")?;

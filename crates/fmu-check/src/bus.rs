@@ -14,7 +14,7 @@ use crate::finding::{Findings, Location, find, require};
 use crate::schema::anchored;
 
 /// The manifest.
-pub const MANIFEST: &str = "extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml";
+pub use fmu_file::archive::BUS_MANIFEST as MANIFEST;
 /// The MIME type of operations on a network of CAN, without its version.
 pub const CAN: &str = "application/org.fmi-standard.fmi-ls-bus.can";
 

@@ -108,6 +108,7 @@ pub const MODEL: (&str, &[KnownOption]) = (
         ("rates", rates),
         ("continuous", flag),
         ("clocked", flag),
+        ("bus_simulation", flag),
         ("single_instance", flag),
         ("step", expression),
         ("solver", solver),
@@ -150,6 +151,7 @@ const FIELD_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("derivative", expression), &[Input]),
     (("derivative_by", derivatives), EQUATIONS),
     (("terminal", terminal), &[Input, Output]),
+    (("network", network), &[Input, Output, Parameter, StructuralParameter]),
     (("reference", expression), ANY_ROW),
     (("references", references), &[Nested]),
     (("prefix", text), &[Nested]),
@@ -176,6 +178,7 @@ const CLOCK_OPTIONS: &[(KnownOption, &[Role])] = &[
     (("alias", name_or_names), &[Input, Output]),
     (("deprecated", text), &[Input, Output]),
     (("terminal", terminal), &[Input, Output]),
+    (("network", network), &[Input, Output]),
     (("reference", expression), &[Input, Output]),
 ];
 const ANY_ROW: &[Role] = &[
@@ -194,13 +197,14 @@ const DESCRIBED: &[Role] = ANY_ROW.split_at(1).1;
 const NAMED: &[Role] = DESCRIBED.split_at(1).1;
 const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];
 /// Options for a few variables only, which messages do not list.
-const RARE: [&str; 9] = [
+const RARE: [&str; 10] = [
     "alias",
     "clocks",
     "deprecated",
     "display",
     "max_size",
     "mime_type",
+    "network",
     "reference",
     "references",
     "size",
@@ -457,6 +461,22 @@ fn terminal(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
         false => error(
             names,
             format!("{text:?} is not the name of a terminal and of a member, such as \"loop.u\""),
+        ),
+    }
+}
+
+/// The name of a member of the terminal of a network, or of its configuration.
+fn network(meta: &ParseNestedMeta<'_>) -> Result<OptionValue> {
+    let member: LitStr = meta.value()?.parse()?;
+    let text = member.value();
+    let is_parameter = text.strip_prefix("Configuration.").is_some_and(is_identifier);
+    match is_parameter || ["Rx_Data", "Rx_Clock", "Tx_Data", "Tx_Clock"].contains(&&*text) {
+        true => Ok(OptionValue::Text(member)),
+        false => error(
+            member,
+            format!(
+                "{text:?} is no member of the terminal of a network; expected \"Rx_Data\", \"Rx_Clock\", \"Tx_Data\", \"Tx_Clock\", or a parameter such as \"Configuration.BusNotifications\""
+            ),
         ),
     }
 }

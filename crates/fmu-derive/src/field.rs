@@ -286,6 +286,20 @@ impl Field {
             of_type != FmiType::Binary,
             "only a Vec<u8> has a maximum size",
         )?;
+        let network = options.text("network");
+        let fits = match network.map(LitStr::value).as_deref() {
+            None => true,
+            Some("Rx_Data") => (self.role, of_type) == (Role::Input, FmiType::Binary),
+            Some("Tx_Data") => (self.role, of_type) == (Role::Output, FmiType::Binary),
+            Some("Rx_Clock") => (self.role, of_type) == (Role::Input, FmiType::Clock),
+            Some("Tx_Clock") => of_type == FmiType::Clock,
+            Some(_) => matches!(self.role, Role::Parameter | Role::StructuralParameter),
+        };
+        refuse(
+            network,
+            !fits || is_array,
+            "in the terminal of a network, data is a Vec<u8> that comes in or goes out at the ticks of a Clock, and the configuration has parameters",
+        )?;
         let is_size = self.role == Role::StructuralParameter;
         refuse(
             Some(&self.ty),

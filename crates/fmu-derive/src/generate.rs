@@ -135,7 +135,7 @@ impl Field {
         let nominal = options.expression("nominal");
         let nominal = nominal.map_or_else(|| quote!(1.0), |n| n.positive("nominal", krate));
         let text = |option| options.text(option).map(LitStr::value).unwrap_or_default();
-        let [size, unit, terminal] = ["size", "unit", "terminal"].map(text);
+        let [size, unit, terminal, network] = ["size", "unit", "terminal", "network"].map(text);
         let display_unit = self.display_unit();
         let (aliases, deprecated) = (options.names("alias"), &self.deprecated);
         let history = match aliases.is_empty() && deprecated.is_empty() {
@@ -182,6 +182,7 @@ impl Field {
                 depends_on: &[#(#depends_on),*],
                 has_input_derivative: #has_input_derivative,
                 terminal: #terminal,
+                network: #network,
             })
         })
     }

@@ -205,6 +205,7 @@ fn model(
             }
         },
     };
+    let is_bus_simulation = options.has("bus_simulation");
     let is_single_instance = options.has("single_instance");
     let single_instance = is_single_instance.then(|| {
         quote! {
@@ -296,6 +297,7 @@ fn model(
             const RATES: &'static [&'static str] = &[#(#rate_names),*];
             const IS_CONTINUOUS: bool = #is_continuous;
             const IS_CLOCKED: bool = #is_clocked;
+            const IS_BUS_SIMULATION: bool = #is_bus_simulation;
             const IS_INTEGRATED: bool = #is_integrated;
             const IS_IMPLICIT: bool = #is_implicit;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);

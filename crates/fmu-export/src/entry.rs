@@ -65,6 +65,7 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         is_sampled: M::IS_SAMPLED,
         is_continuous: M::IS_CONTINUOUS,
         is_clocked: M::IS_CLOCKED,
+        is_bus_simulation: M::IS_BUS_SIMULATION,
         has_log: M::HAS_LOG,
         log_categories: M::LOG_CATEGORIES,
         is_unsaved: M::IS_UNSAVED || M::IS_SINGLE_INSTANCE,

@@ -35,6 +35,8 @@ pub trait Model: Variables + Behavior {
     const IS_CONTINUOUS: bool = false;
     /// Whether it is [`Clocked`].
     const IS_CLOCKED: bool = false;
+    /// Whether it simulates a bus, for the manifest of FMI-LS-BUS.
+    const IS_BUS_SIMULATION: bool = false;
     /// Whether its equations are integrated in co-simulation: it has no step of its own.
     const IS_INTEGRATED: bool = false;
     /// Whether they are integrated by the implicit method.

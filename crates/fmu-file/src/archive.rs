@@ -23,6 +23,8 @@ pub const ICON: &str = "model.png";
 pub const ICON_3: &str = "terminalsAndIcons/icon.png";
 /// Path of the terminals in an FMU of FMI 3.0.
 pub const TERMINALS: &str = "terminalsAndIcons/terminalsAndIcons.xml";
+/// Path of the manifest of FMI-LS-BUS.
+pub const BUS_MANIFEST: &str = "extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml";
 
 /// Maximum size of a model description; a larger one is damaged or malicious.
 const MAX_XML: u64 = 64 << 20;

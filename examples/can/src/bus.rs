@@ -8,7 +8,7 @@ const PORTS: usize = 8;
 
 /// CAN bus with 8 ports, for CAN and CAN FD
 #[derive(Model)]
-#[model(clocked)]
+#[model(clocked, bus_simulation)]
 pub struct CanBus {
     #[nested]
     node: [Port; 8],

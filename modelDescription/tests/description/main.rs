@@ -4,6 +4,7 @@
 mod clocks;
 mod format;
 mod models;
+mod networks;
 
 use std::path::Path;
 use std::sync::Arc;

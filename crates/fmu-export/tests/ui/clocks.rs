@@ -51,6 +51,15 @@ struct Own {
     /** not by itself */ #[input(clocks(own))] own: Clock,
 }
 
+#[derive(Variables)]
+struct Network {
+    /** ticks */ #[input(network = "Rx_Clock")] tick: Clock,
+    /** no role */ #[input(clocks(tick), network = "Rx")] role: Vec<u8>,
+    /** the other way */ #[output(clocks(tick), network = "Rx_Data")] data: Vec<u8>,
+    /** no clock */ #[input(network = "Tx_Clock")] clock: bool,
+    /** no parameter */ #[output(network = "Configuration.Rate")] rate: f64,
+}
+
 /// With an interval of its own
 #[derive(Model)]
 #[model(clocked, sample_time = 0.1)]
