@@ -153,6 +153,12 @@ def blocks(fmus: Path, export: Callable[..., Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
+def clocks(export: Callable[..., Path]) -> Path:
+    """Export the examples of models with clocks; return their folder."""
+    return export(SENSOR.parent, "--package", "clocks", "--fmi", "3.0")
+
+
+@pytest.fixture(scope="session")
 def program(fmus: Path) -> Path:
     """Return the program with the native master, after exporting the FMUs that its examples use."""
     return PROGRAM
