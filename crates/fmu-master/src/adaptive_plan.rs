@@ -32,6 +32,8 @@ fn late_inputs(
     for (turn, stage) in schedule.stages.iter().enumerate() {
         match stage {
             Stage::Component(index) => drop(turns.insert(*index, (turn, false))),
+            // Refused with adaptive steps.
+            Stage::Clocked => {}
             Stage::Group(number) => {
                 let members = &schedule.groups[*number].components;
                 turns.extend(members.iter().map(|member| (*member, (turn, true))));

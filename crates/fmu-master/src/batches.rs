@@ -6,7 +6,7 @@ use crate::iterated_group::Stage;
 
 /// The batches of a communication step, whose components do not depend on each other's steps. One by one, a component
 /// steps after those before it that feed it, and not before those before it that it feeds, as these get its outputs before
-/// its step. There are none if loops are iterated.
+/// its step. There are none if loops are iterated, or components have clocks.
 pub(crate) fn batches(
     order: Order,
     turns: &[Stage],
@@ -14,7 +14,7 @@ pub(crate) fn batches(
 ) -> Vec<Vec<usize>> {
     let turns = turns.iter().map(|turn| match turn {
         Stage::Component(index) => Some(*index),
-        Stage::Group(_) => None,
+        Stage::Group(_) | Stage::Clocked => None,
     });
     let turns: Option<Vec<usize>> = turns.collect();
     let Some(turns) = turns else { return Vec::new() };

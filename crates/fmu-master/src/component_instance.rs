@@ -12,6 +12,7 @@ use fmu_host::{Cause, Instance, InterfaceType, NotOk, Status, StepVariables, Suc
 use fmu_worker::Function;
 
 use crate::access_list::{AccessList, accessor};
+use crate::component_clocks::ComponentClocks;
 use crate::components::LoadedComponent;
 use crate::event_mode::EventMode;
 use crate::integrator::Integrator;
@@ -36,6 +37,8 @@ pub(crate) struct ComponentInstance<'a> {
     pub(crate) integrator: Option<Box<Integrator<'a>>>,
     /// Present once a component of co-simulation with event mode is initialized.
     pub(crate) event_mode: Option<Box<EventMode>>,
+    /// Present once a component with clocks is initialized.
+    pub(crate) clocks: Option<Box<ComponentClocks>>,
     do_step: Option<Function>,
     /// The function that sets its Float64 inputs, and the one that gets its direct outputs.
     set: Option<Function>,
@@ -93,6 +96,7 @@ impl<'a> ComponentInstance<'a> {
             },
             integrator: None,
             event_mode: None,
+            clocks: None,
             do_step: Function::performing(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
@@ -307,7 +311,7 @@ impl<'a> ComponentInstance<'a> {
                 begun.map_err(|error| self.integration_error(error, "first event".to_owned()))?;
             self.integrator = Some(Box::new(begun));
         }
-        if planned.event_mode {
+        if planned.event_mode && !planned.is_clocked() {
             let (start, _) = times;
             let begun = EventMode::begin(&mut self.recorded, &self.fmu, self.groups, start);
             let begun =
@@ -370,12 +374,20 @@ impl<'a> ComponentInstance<'a> {
     #[inline(never)]
     fn read_others(&mut self, outputs: &mut Store) -> CallResult {
         for group in self.distributed {
+            if !group.is_accessible(self.ticking()) {
+                continue;
+            }
             let values = self.get(group.access_type, group.get, &group.outputs)?;
             for (index, value) in values.into_iter().enumerate() {
                 outputs.set(group.first_output.plus(index), value);
             }
         }
         Ok(())
+    }
+
+    /// The clocks that tick now, by value reference.
+    fn ticking(&self) -> &[u32] {
+        self.clocks.as_ref().map_or(&[], |clocks| clocks.active())
     }
 
     /// Gets scalars of one type, which may be some elements of arrays.
@@ -462,7 +474,7 @@ impl<'a> ComponentInstance<'a> {
     fn write_others(&mut self, outputs: &Store) -> CallResult {
         for (index, group) in self.groups[1..].iter().enumerate() {
             let inputs = &group.inputs;
-            if inputs.references.is_empty() {
+            if inputs.references.is_empty() || !group.is_accessible(self.ticking()) {
                 continue;
             }
             let mut own = std::mem::take(&mut self.others[index]);
@@ -582,6 +594,10 @@ impl<'a> ComponentInstance<'a> {
             let entered = event_mode.enter(&mut self.recorded);
             entered.map_err(|error| self.integration_error(error, "event".to_owned()))?;
         }
+        if let Some(clocks) = &mut self.clocks {
+            clocks.is_due = true;
+        }
+        self.enter_event_mode()?;
         set(self)?;
         // Else the next step begins with the event.
         if is_event {
@@ -609,7 +625,9 @@ impl<'a> ComponentInstance<'a> {
         is_wanted: impl Fn(&usize) -> bool,
     ) -> CallResult {
         let fmu = self.fmu.clone();
-        let given = Vec::from_iter(starts.scalars().filter(is_wanted));
+        // A clock ticks; its start value is for the master.
+        let is_variable = |scalar: &usize| fmu.access_type(*scalar) != Type::Clock;
+        let given = Vec::from_iter(starts.scalars().filter(is_variable).filter(is_wanted));
         for same in given.chunk_by(|a, b| fmu.array(*a) == fmu.array(*b)) {
             let access_type = fmu.access_type(same[0]);
             let list = AccessList::new(&fmu, same.iter().copied());

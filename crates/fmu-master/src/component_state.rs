@@ -3,6 +3,7 @@
 
 use fmu_host::{FmuState, Instance, Success};
 
+use crate::component_clocks::ComponentClocks;
 use crate::component_instance::{CallResult, ComponentInstance};
 use crate::event_mode::EventMode;
 use crate::integrator::Integrator;
@@ -13,6 +14,7 @@ pub(crate) struct ComponentState<'a> {
     fmu: FmuState,
     integrator: Option<Box<Integrator<'a>>>,
     event_mode: Option<Box<EventMode>>,
+    clocks: Option<Box<ComponentClocks>>,
     /// The row of the table whose values its tunable parameters have.
     table_row: Option<usize>,
 }
@@ -26,6 +28,7 @@ impl<'a> ComponentInstance<'a> {
             Some(state) => {
                 state.table_row = table_row;
                 state.event_mode.clone_from(&self.event_mode);
+                state.clocks.clone_from(&self.clocks);
                 self.call("get_fmu_state", what, |instance| instance.save_to(&mut state.fmu))?;
                 match (&mut state.integrator, &self.integrator) {
                     (Some(saved), Some(integrator)) => saved.copy_from(integrator),
@@ -39,8 +42,14 @@ impl<'a> ComponentInstance<'a> {
                     Ok(Success::Ok)
                 })?;
                 let integrator = self.integrator.clone();
-                let event_mode = self.event_mode.clone();
-                *state = fmu.map(|fmu| ComponentState { fmu, integrator, event_mode, table_row });
+                let (event_mode, clocks) = (self.event_mode.clone(), self.clocks.clone());
+                *state = fmu.map(|fmu| ComponentState {
+                    fmu,
+                    integrator,
+                    event_mode,
+                    clocks,
+                    table_row,
+                });
             }
         }
         Ok(())
@@ -53,6 +62,7 @@ impl<'a> ComponentInstance<'a> {
             parameters.row = row;
         }
         self.event_mode.clone_from(&state.event_mode);
+        self.clocks.clone_from(&state.clocks);
         match (&mut self.integrator, &state.integrator) {
             (Some(integrator), Some(saved)) => integrator.copy_from(saved),
             (integrator, saved) => integrator.clone_from(saved),
@@ -93,7 +103,9 @@ impl<'a> ComponentInstance<'a> {
             Ok(Success::Ok)
         })?;
         let Some(fmu) = state else { return Ok(()) };
-        let state = ComponentState { fmu, integrator: None, event_mode: None, table_row: None };
+        // Systems with clocks are not saved in files.
+        let (event_mode, clocks) = (None, None);
+        let state = ComponentState { fmu, integrator: None, event_mode, clocks, table_row: None };
         let set = self.call("set_fmu_state", what, |i| i.set_fmu_state(&state.fmu));
         let forgotten = self.forget(state);
         set.and(forgotten)?;

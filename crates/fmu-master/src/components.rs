@@ -81,12 +81,14 @@ impl LoadedComponent {
                 starts.push((literal.scalar, literal.start_value(&fmu)?));
             }
         }
+        let event_mode = event_mode(component, system, &fmu)?;
+        let is_clocked = event_mode && fmu.has_clocks;
         Ok(Self {
             name: component.name.clone(),
             prefix: if system.is_single { String::new() } else { full_name("") },
-            sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
+            sampled: !is_clocked && component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             is_guess: component.sampled.is_none() && component.function.is_none(),
-            event_mode: event_mode(component, system, &fmu)?,
+            event_mode,
             rate,
             inputs: component.inputs,
             solver: component.solver.or(system.solver).unwrap_or_default(),
@@ -100,6 +102,11 @@ impl LoadedComponent {
     /// Whether the master integrates its equations.
     pub(crate) fn integrates(&self) -> bool {
         self.fmu.interface_type == InterfaceType::ModelExchange
+    }
+
+    /// Whether it has clocks.
+    pub(crate) fn is_clocked(&self) -> bool {
+        self.event_mode && self.fmu.has_clocks
     }
 
     /// Whether a step is one call, in each communication step.
@@ -157,6 +164,15 @@ fn event_mode(component: &Component, system: &Description, fmu: &Fmu) -> Result<
         component.name,
         fmu.file_name()
     );
+    let needs_it = fmu.clocks().find(|clock| fmu.variable(*clock).causality == Causality::Input);
+    if let (Some(false), Some(clock)) = (wanted, needs_it) {
+        bail!(
+            "component {}: the clock {} of {} ticks in event mode, in which it does not run: event_mode is false, or it is stepped by hand",
+            component.name,
+            fmu.name(clock),
+            fmu.file_name()
+        );
+    }
     Ok(wanted.unwrap_or(fmu.has_event_mode && fmu.has_clocks))
 }
 
@@ -198,6 +214,16 @@ impl ScalarId {
 
     pub(crate) fn variable(self, components: &[LoadedComponent]) -> &Variable {
         self.fmu(components).variable(self.scalar)
+    }
+
+    /// The clocks on which it depends, by value reference.
+    pub(crate) fn clocks(self, components: &[LoadedComponent]) -> &[u32] {
+        &self.variable(components).clocks
+    }
+
+    /// Whether it depends on clocks.
+    pub(crate) fn is_clocked(self, components: &[LoadedComponent]) -> bool {
+        !self.clocks(components).is_empty()
     }
 
     /// The type whose functions get and set it.

@@ -98,7 +98,18 @@ fn check(components: &[LoadedComponent], connections: &[ResolvedConnection]) -> 
             if let Some(reason) = id.fmu(components).unusable(id.scalar) {
                 bail!("{name} cannot be connected: {reason}");
             }
-            let actual = id.variable(components).causality;
+            let variable = id.variable(components);
+            let of_clock = variable.clock.filter(|_| expected == Causality::Input);
+            let kind = of_clock.map(|clock| clock.interval_variability);
+            if let Some(kind) = kind.filter(|kind| kind.is_time_based())
+                && variable.causality == expected
+            {
+                bail!(
+                    "{name} cannot be connected: it is a {} clock, which ticks at times that its FMU says; expected a triggered clock",
+                    kind.as_str()
+                );
+            }
+            let actual = variable.causality;
             let ends = [output, input].map(|id| id.variable(components).causality);
             let [a, b] = [output, input].map(|id| id.name(components));
             let hint = match ends {

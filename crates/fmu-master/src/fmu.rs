@@ -4,12 +4,12 @@ pub(crate) mod files;
 mod jacobian;
 mod open;
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use fmu_description::{FmiVersion, Type, Value, Variable};
+use fmu_description::{Causality, FmiVersion, Type, Value, Variable};
 use fmu_file::archive::{TERMINALS, read_ssp};
 use fmu_host::{Instance, InterfaceType};
 
@@ -30,8 +30,6 @@ pub struct Fmu {
     pub variables: Vec<Variable>,
     /// Its scalar variables and the elements of its arrays, which follow each other.
     pub(crate) scalars: Vec<Scalar>,
-    /// The indices of variables that depend on clocks.
-    clocked: HashSet<usize>,
     /// Outputs, and the inputs that they depend on directly, where the FMU declares it; an array stands for its first
     /// element.
     pub(crate) feedthrough: HashMap<usize, Vec<usize>>,
@@ -53,9 +51,13 @@ pub struct Fmu {
     code: Code,
     /// Whether a process can have only one instance of the FMU.
     pub(crate) only_once: bool,
-    /// Whether it has event mode in co-simulation, and whether it has clocks, which need event mode.
+    /// Whether it has event mode in co-simulation, and whether it has clocks that a host ticks or gets, which need event
+    /// mode.
     pub(crate) has_event_mode: bool,
     pub(crate) has_clocks: bool,
+    /// Whether its steps may return early, and whether it evaluates discrete states when it is told to.
+    pub(crate) may_return_early: bool,
+    pub(crate) evaluates_discrete_states: bool,
     /// The highest order of the derivatives of its outputs, in co-simulation.
     pub(crate) output_derivatives: usize,
     /// Whether it takes derivatives of its inputs, which only FMI 2.0 has.
@@ -106,7 +108,6 @@ impl Fmu {
             settable: HashMap::new(),
             arrays: HashMap::new(),
             variables,
-            clocked: HashSet::new(),
             feedthrough: HashMap::new(),
             nominals: HashMap::new(),
             units: Units::new(),
@@ -118,6 +119,8 @@ impl Fmu {
             only_once: false,
             has_event_mode: false,
             has_clocks: false,
+            may_return_early: false,
+            evaluates_discrete_states: false,
             output_derivatives: 0,
             interpolates_inputs: false,
             states: Vec::new(),
@@ -239,11 +242,23 @@ impl Fmu {
 
     /// Why the master can neither record, connect nor set a scalar, if so.
     pub(crate) fn unusable(&self, scalar: usize) -> Option<&'static str> {
-        if self.variable(scalar).of_type == Type::Clock {
-            return Some("clocks are not supported");
-        }
-        let is_clocked = self.clocked.contains(&self.scalars[scalar].variable);
-        is_clocked.then_some("clocked variables are not supported")
+        let is_of_ticks = self.variable(scalar).is_of_ticks();
+        (is_of_ticks && !self.has_event_mode)
+            .then_some("clocks tick only in co-simulation with event mode (hasEventMode)")
+    }
+
+    /// The clocks that a host ticks or gets.
+    pub(crate) fn clocks(&self) -> impl Iterator<Item = usize> {
+        let is_clock = |variable: &Variable| {
+            variable.of_type == Type::Clock
+                && matches!(variable.causality, Causality::Input | Causality::Output)
+        };
+        (0..self.scalars.len()).filter(move |scalar| is_clock(self.variable(*scalar)))
+    }
+
+    /// The clock with a value reference.
+    pub(crate) fn clock(&self, reference: u32) -> Option<usize> {
+        self.clocks().find(|clock| self.variable(*clock).reference == reference)
     }
 
     /// The index of a scalar, if there is one of this name.

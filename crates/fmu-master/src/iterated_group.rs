@@ -7,6 +7,7 @@ use anyhow::{Result, bail, ensure};
 use fmu_description::{Type, Value};
 
 use crate::algebraic_loop::{self, strongly_connected};
+use crate::clocked_stage::ClockedStage;
 use crate::components::{LoadedComponent, ScalarId};
 use crate::connections::ResolvedConnection;
 use crate::store::Place;
@@ -19,6 +20,8 @@ pub(crate) enum Stage {
     Component(usize),
     /// A group, by its index.
     Group(usize),
+    /// The components with clocks.
+    Clocked,
 }
 
 /// The turns of stepping, and the groups.
@@ -26,6 +29,7 @@ pub(crate) enum Stage {
 pub(crate) struct Schedule {
     pub(crate) stages: Vec<Stage>,
     pub(crate) groups: Vec<IteratedGroup>,
+    pub(crate) clocked: Option<ClockedStage>,
 }
 
 /// Components that feed each other.
@@ -95,9 +99,15 @@ impl Schedule {
         description: &Description,
         components: &[LoadedComponent],
         connections: &[ResolvedConnection],
+        clocked: Option<ClockedStage>,
         wiring: &Wiring,
     ) -> Result<Self> {
         let loops = description.algebraic_loops()?;
+        let is_member = |component: usize| components[component].is_clocked();
+        // Among components with clocks, values pass at ticks.
+        let is_outside =
+            |c: &&ResolvedConnection| !(is_member(c.from.component) && is_member(c.to.component));
+        let connections = &*Vec::from_iter(connections.iter().filter(is_outside).cloned());
         let Description { order, loop_tolerance, loop_iterations, .. } = *description;
         crate::components::check_tolerance("loop_tolerance", loop_tolerance)?;
         ensure!(loop_iterations != Some(0), "loop_iterations = 0, expected at least 1");
@@ -106,8 +116,10 @@ impl Schedule {
                 loops != AlgebraicLoops::Iterate,
                 "algebraic_loops = \"iterate\" and order = \"parallel\", expected another order, as parallel order delays all loops by one step"
             );
-            let stages = (0..components.len()).map(Stage::Component).collect();
-            return Ok(Self { stages, groups: Vec::new() });
+            let others = (0..components.len()).filter(|index| !is_member(*index));
+            let of_clocks = clocked.iter().map(|_| Stage::Clocked);
+            let stages = others.map(Stage::Component).chain(of_clocks).collect();
+            return Ok(Self { stages, groups: Vec::new(), clocked });
         }
         let on_loops = algebraic_loop::on_loops(components, connections);
         let all = connections.iter().zip(&on_loops);
@@ -129,10 +141,19 @@ impl Schedule {
         let parts = strongly_connected(&fed);
         let mut members = vec![Vec::new(); components.len()];
         parts.iter().enumerate().for_each(|(component, part)| members[*part].push(component));
-        let mut schedule = Self::default();
+        let mut schedule = Self { clocked, ..Self::default() };
         for (component, part) in parts.iter().enumerate() {
             let members = &members[*part];
-            if members.len() == 1 && !fed[component].contains(&component) {
+            if let Some(member) = members.iter().find(|member| is_member(**member)) {
+                ensure!(
+                    members.len() == 1,
+                    "{} has clocks and is in an algebraic loop with components without clocks, which cannot be iterated",
+                    components[*member].name
+                );
+                if schedule.stages.iter().all(|stage| !matches!(stage, Stage::Clocked)) {
+                    schedule.stages.push(Stage::Clocked);
+                }
+            } else if members.len() == 1 && !fed[component].contains(&component) {
                 schedule.stages.push(Stage::Component(component));
             } else if members[0] == component {
                 schedule.stages.push(Stage::Group(schedule.groups.len()));

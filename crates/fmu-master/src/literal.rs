@@ -184,6 +184,8 @@ impl Literal {
         let typed = match (variable.of_type, self) {
             (Type::Boolean, Self::Boolean(value)) => Some(Value::Boolean(*value)),
             (Type::Boolean, Self::Text(text)) => table::boolean(text).map(Value::Boolean),
+            (Type::Clock, Self::Boolean(value)) => Some(Value::Clock(*value)),
+            (Type::Clock, Self::Text(text)) => table::boolean(text).map(Value::Clock),
             (Type::String, Self::Text(text)) => {
                 (!text.contains('\0')).then(|| Value::String(text.clone()))
             }

@@ -40,6 +40,8 @@ pub enum Note {
         /// The names of the parameters.
         names: Vec<String>,
     },
+    /// Nothing ticks these triggered clocks of an FMU that runs alone.
+    NeverTick(Vec<String>),
     /// In the order of stepping, no components may step at the same time, for which the user wants threads.
     StepsOneByOne,
     /// The step size does not divide the run.
@@ -96,6 +98,12 @@ impl Note {
             Self::ParametersIgnored { component, names } => {
                 let names = names.join(", ");
                 format!("{component} has no variables {names}, which its parameter set has")
+            }
+            Self::NeverTick(clocks) => {
+                format!(
+                    "nothing ticks {}, as no output clock is connected to it",
+                    clocks.join(", ")
+                )
             }
             Self::StepsOneByOne => {
                 "threads have no effect, as no components may step at the same time".to_owned()

@@ -8,6 +8,7 @@ use fmu_description::{Causality, Type, Variable};
 
 use crate::adaptive_plan::AdaptivePlan;
 use crate::batches::batches;
+use crate::clocked_stage::{self, ClockedStage};
 use crate::components::{Components, LoadedComponent, ScalarId, check_tolerance};
 use crate::connections::{self, ResolvedConnection};
 use crate::container::choice;
@@ -92,7 +93,11 @@ impl Plan {
         check_tolerance("tolerance", description.tolerance)?;
         let output_every = output_every(description.output_step, experiment.step)?;
         let mut components = Components::load(description)?;
-        let connections = connections::resolve(description, &components)?;
+        let all_connections = connections::resolve(description, &components)?;
+        let is_trigger =
+            |c: &ResolvedConnection| c.from.variable(&components).of_type == Type::Clock;
+        let (triggers, connections) =
+            all_connections.iter().cloned().partition::<Vec<_>, _>(is_trigger);
         let fed: HashSet<usize> = connections.iter().map(|c| c.to.component).collect();
         for (index, component) in components.all.iter_mut().enumerate() {
             // The events of an FMU that no other one feeds do not wait for the next step.
@@ -130,7 +135,12 @@ impl Plan {
             let variable = id.variable(&components);
             let items = variable.items().iter().map(|item| (item.value, item.name.clone()));
             let (unit, items) = (variable.unit.as_deref().unwrap_or_default(), items.collect());
-            Column { items, ..Column::new(name, unit, variable.of_type) }
+            // Whether it has ticked.
+            let kind = match variable.of_type {
+                Type::Clock => Type::Boolean,
+                kind => kind,
+            };
+            Column { items, ..Column::new(name, unit, kind) }
         };
         let wiring = Wiring::new(
             description,
@@ -171,7 +181,9 @@ impl Plan {
             );
         }
         let save = save.clone().zip(identity);
-        let schedule = Schedule::new(description, &components, &connections, &wiring)?;
+        let clocked =
+            ClockedStage::new(description, &components, &connections, &triggers, &wiring)?;
+        let schedule = Schedule::new(description, &components, &connections, clocked, &wiring)?;
         let batches = batches(description.order, &schedule.stages, &connections);
         let is_threaded = description.execution.threads.is_some_and(|threads| threads.get() > 1);
         Ok(Self {
@@ -192,6 +204,7 @@ impl Plan {
             notes: notes(&components, &recorded)
                 .into_iter()
                 .chain(experiment.note()?)
+                .chain(clocked_stage::note(&components, &triggers))
                 .chain(
                     (is_threaded && batches.iter().all(|b| b.len() < 2))
                         .then_some(Note::StepsOneByOne),
@@ -208,9 +221,9 @@ impl Plan {
             input,
             live,
             host_inputs,
-            sources: connections.iter().map(|c| (c.to, c.from)).collect(),
+            sources: all_connections.iter().map(|c| (c.to, c.from)).collect(),
             components,
-            connections,
+            connections: all_connections,
         })
     }
 
@@ -405,11 +418,11 @@ fn output_every(output_step: Option<f64>, communication_step: f64) -> Result<u64
 /// The recorded variables, and the names of their columns: a variable may be recorded by its name and aliases.
 fn recorded(components: &Components, names: &[String]) -> Result<Vec<(ScalarId, String)>> {
     if names.is_empty() {
-        // Strings and Binaries only on request.
+        // Strings, Binaries and clocks only on request.
         let is_recorded = |id: &ScalarId| {
             let variable = id.variable(components);
             variable.causality == Causality::Output
-                && !matches!(variable.of_type, Type::String | Type::Binary)
+                && !matches!(variable.of_type, Type::String | Type::Binary | Type::Clock)
                 && unusable(components, id).is_none()
         };
         let recorded = components.scalars().filter(is_recorded);

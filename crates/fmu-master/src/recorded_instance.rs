@@ -49,6 +49,13 @@ operations! {
     ContinuousMode: "enter_continuous_time_mode",
     StepMode: "enter_step_mode",
     DoStep: "do_step",
+    SetClock: "set_clock",
+    GetClock: "get_clock",
+    Interval: "get_interval_decimal",
+    IntervalFraction: "get_interval_fraction",
+    Shift: "get_shift_decimal",
+    ShiftFraction: "get_shift_fraction",
+    Evaluate: "evaluate_discrete_states",
 }
 
 /// The functions of a version that perform each [`Operation`].

@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod advance;
+mod clocked;
 mod extrapolated;
 mod hosted;
 mod internal_steps;
@@ -56,6 +57,8 @@ pub struct Simulation<'a> {
     is_within_step: bool,
     /// The iterated groups.
     iterations: Vec<iteration::Iteration>,
+    /// The states to which components with clocks return, if they have stepped too far.
+    returns: Vec<Option<Snapshot>>,
     messages: Messages,
     /// Its pace, if it is paced by the clock.
     pace: Option<Box<Pace>>,
@@ -141,12 +144,14 @@ impl Plan {
             adaptive: None,
             is_within_step: false,
             iterations: Vec::new(),
+            returns: Vec::new(),
             messages: messages.clone(),
             pace: None,
             crew: None,
             ended: None,
         };
         simulation.prepare_iterations()?;
+        simulation.prepare_returns()?;
         simulation.prepare_adaptive_steps()?;
         Ok(simulation)
     }
@@ -170,6 +175,7 @@ impl Simulation<'_> {
         let (plan, start) = (self.plan, self.plan.experiment.start);
         self.messages.record().at(start);
         self.begin_inputs(starts);
+        self.begin_clocked(starts);
         self.feed(start)?;
         for (index, component) in self.components.iter_mut().enumerate() {
             let tolerance = plan.components[index].tolerance;
@@ -184,6 +190,10 @@ impl Simulation<'_> {
 
     fn exit_initialization(&mut self, starts: &[ComponentStarts<'_>]) -> CallResult {
         let (plan, start) = (self.plan, self.plan.experiment.start);
+        for member in plan.schedule.clocked.iter().flat_map(|stage| &stage.members) {
+            let begun = self.components[member.component].begin_clocks(&member.inputs, start);
+            begun.map_err(|failure| failure.at(start))?;
+        }
         let exited =
             self.components.iter_mut().try_for_each(ComponentInstance::exit_initialization);
         let begun = exited.and_then(|()| {
@@ -217,6 +227,8 @@ impl Simulation<'_> {
     /// again to the same values, as an FMU may then compute its outputs again.
     fn propagate(&mut self) -> CallResult {
         let plan = self.plan;
+        let clocked = plan.schedule.clocked.iter().flat_map(|stage| &stage.members);
+        let clocked = Vec::from_iter(clocked.map(|member| member.component));
         let mut last = vec![None; self.components.len()];
         for _ in 0..=self.components.len() {
             let mut changed = false;
@@ -224,6 +236,7 @@ impl Simulation<'_> {
                 let fed = match stage {
                     Stage::Component(index) => std::slice::from_ref(index),
                     Stage::Group(number) => &*plan.schedule.groups[*number].components,
+                    Stage::Clocked => &*clocked,
                 };
                 let values = Some(self.get_feeding(fed)?);
                 if last[fed[0]] == values {
@@ -232,6 +245,12 @@ impl Simulation<'_> {
                 last[fed[0]] = match *stage {
                     Stage::Component(index) => {
                         self.components[index].write_initially(&self.outputs)?;
+                        values
+                    }
+                    Stage::Clocked => {
+                        for index in &clocked {
+                            self.components[*index].write_initially(&self.outputs)?;
+                        }
                         values
                     }
                     Stage::Group(number) => {
@@ -308,9 +327,10 @@ impl Simulation<'_> {
             && components.iter().all(LoadedComponent::is_plain)
     }
 
-    /// Reads the outputs of all components.
+    /// Reads the outputs of all components, but not between the initialization of one and its first tick, which computes
+    /// them.
     fn read_all<const PLAIN: bool>(&mut self) -> CallResult {
-        let mut components = self.components.iter_mut();
+        let mut components = self.components.iter_mut().filter(|c| PLAIN || !c.is_in_event_mode());
         components.try_for_each(|component| component.read::<PLAIN>(&mut self.outputs))
     }
 
@@ -354,7 +374,7 @@ impl Simulation<'_> {
         // Checked when the plan was made.
         let points = experiment.steps().unwrap_or(0);
         // Without sampled components, a row is complete before the step.
-        let is_late = self.plan.steps_from_stop();
+        let is_late = self.plan.steps_from_stop() || self.plan.schedule.clocked.is_some();
         let steps = self.plan.communication_steps();
         let failed_at = |time| move |failure: Box<RunError>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
@@ -401,6 +421,8 @@ impl Simulation<'_> {
                     break;
                 }
                 self.row.store.record::<PLAIN>(&wiring.recorded_after, &self.outputs);
+            } else if !PLAIN && self.plan.schedule.clocked.is_some() {
+                self.tick_at_point(k, time, experiment.step).map_err(failed_at(time))?;
             }
             if is_late && !observe(&self.row) {
                 break;

@@ -41,6 +41,15 @@ pub(crate) struct Wiring {
     pub(crate) recorded_before: RecordedSignals,
     /// The recorded signals of sampled components, whose values after a step are recorded.
     pub(crate) recorded_after: RecordedSignals,
+    /// The recorded signals of components with clocks, whose values after the ticks at a communication point are recorded.
+    pub(crate) recorded_at_ticks: RecordedSignals,
+    /// The recorded clocks of each component, by value reference, and their places.
+    pub(crate) recorded_clocks: Vec<Vec<(u32, Place)>>,
+    /// The outputs of continuous components that feed components with clocks, and the places where their values are held
+    /// over a communication step.
+    pub(crate) held: Vec<(Place, Place)>,
+    /// The inputs that clocked outputs feed, and the places that have no value before the first tick.
+    pub(crate) unset: Vec<(ScalarId, Place, Option<Conversion>)>,
     /// The connections with faults that lead to each component.
     pub(crate) faulty_connections: Vec<Vec<FaultyConnection>>,
     pub(crate) extrapolation: Extrapolation,
@@ -56,6 +65,8 @@ pub(crate) struct Wiring {
 
 /// The connected and recorded variables of one component and one type.
 pub(crate) struct VariableGroup {
+    /// The clocks at whose ticks alone the variables are got and set, by value reference; none if at any time.
+    pub(crate) clocks: Vec<u32>,
     /// The type whose functions get and set the variables, and these functions.
     pub(crate) access_type: Type,
     pub(crate) get: Option<Function>,
@@ -121,8 +132,9 @@ impl FeedingOutputs {
 }
 
 impl VariableGroup {
-    fn new(version: FmiVersion, access_type: Type) -> Self {
+    fn new(version: FmiVersion, access_type: Type, clocks: &[u32]) -> Self {
         Self {
+            clocks: clocks.to_vec(),
             access_type,
             get: accessor("get", version, access_type),
             set: accessor("set", version, access_type),
@@ -143,12 +155,19 @@ impl VariableGroup {
         id: ScalarId,
     ) -> &'a mut Self {
         let (groups, access_type) = (&mut groups[id.component], id.access_type(components));
-        let found = groups.iter().position(|group| group.access_type == access_type);
+        let clocks = id.clocks(components);
+        let is_same = |group: &Self| group.access_type == access_type && group.clocks == clocks;
+        let found = groups.iter().position(is_same);
         let index = found.unwrap_or_else(|| {
-            groups.push(Self::new(id.fmu(components).version, access_type));
+            groups.push(Self::new(id.fmu(components).version, access_type, clocks));
             groups.len() - 1
         });
         &mut groups[index]
+    }
+
+    /// Whether the variables can be got and set when these clocks tick.
+    pub(crate) fn is_accessible(&self, ticking: &[u32]) -> bool {
+        self.clocks.is_empty() || self.clocks.iter().any(|clock| ticking.contains(clock))
     }
 
     /// Finds which Float64 values go directly to and from the store, and which are copied.
@@ -190,7 +209,7 @@ impl Wiring {
         recorded: &[ScalarId],
     ) -> Self {
         let reals = |component: &LoadedComponent| {
-            vec![VariableGroup::new(component.fmu.version, Type::Float64)]
+            vec![VariableGroup::new(component.fmu.version, Type::Float64, &[])]
         };
         let mut groups = Vec::from_iter(components.iter().map(reals));
 
@@ -199,9 +218,18 @@ impl Wiring {
         let connected = connections.iter().map(|connection| connection.from);
         let mut outputs = Vec::from_iter(recorded.iter().copied().chain(connected));
         outputs.retain(|id| seen.insert(*id));
-        outputs.sort_by_key(|id| (id.component, id.access_type(components) as u8));
+        outputs.sort_by_key(|id| {
+            (id.component, id.access_type(components) as u8, id.clocks(components))
+        });
         let mut counts = [0; 2];
+        let mut recorded_clocks = vec![Vec::new(); components.len()];
         let add = |id: ScalarId| {
+            if id.access_type(components) == Type::Clock {
+                let place = Place::next(Type::Clock, &mut counts);
+                let clocks: &mut Vec<_> = &mut recorded_clocks[id.component];
+                clocks.push((id.variable(components).reference, place));
+                return (id, place);
+            }
             let group = VariableGroup::entry(&mut groups, components, id);
             let place = Place::next(group.access_type, &mut counts);
             if group.outputs.references.is_empty() {
@@ -212,11 +240,13 @@ impl Wiring {
         };
         let output_places: HashMap<ScalarId, Place> = outputs.into_iter().map(add).collect();
 
-        let [mut recorded_before, mut recorded_after] =
-            [(); 2].map(|()| RecordedSignals::default());
+        let [mut recorded_before, mut recorded_after, mut recorded_at_ticks] =
+            [(); 3].map(|()| RecordedSignals::default());
         let types = recorded.iter().map(|id| id.variable(components).of_type);
         for (id, column) in recorded.iter().zip(places(types)) {
-            let signals = match components[id.component].sampled {
+            let component = &components[id.component];
+            let signals = match component.sampled {
+                _ if component.is_clocked() => &mut recorded_at_ticks,
                 true => &mut recorded_after,
                 false => &mut recorded_before,
             };
@@ -229,9 +259,16 @@ impl Wiring {
         let mut faulty_connections = vec![Vec::new(); components.len()];
         let mut feeding = Vec::from_iter(components.iter().map(|_| Vec::new()));
         let mut ranks = 0..;
+        let (mut held, mut unset) = (Vec::new(), Vec::new());
         for connection in connections {
             let ResolvedConnection { from, to, conversion, faults } = connection;
             let mut place = output_places[from];
+            let (feeds, is_fed) = (&components[from.component], &components[to.component]);
+            if is_fed.is_clocked() && !feeds.is_clocked() && !feeds.sampled {
+                let to = Place::next(from.access_type(components), &mut counts);
+                held.push((place, to));
+                place = to;
+            }
             if !faults.is_empty() {
                 let (experiment, seed) = (description.experiment(), description.seed);
                 let faults = faults.iter().zip(&mut ranks);
@@ -251,6 +288,12 @@ impl Wiring {
             let connection = || format!("{} -> {}", from.name(components), to.name(components));
             let sized = to.variable(components).max_size.map(|_| connection());
             group.sources.push(InputSource { component, place, conversion: *conversion, sized });
+            if from.is_clocked(components) {
+                unset.push((*to, place, *conversion));
+            }
+            if from.is_clocked(components) || to.is_clocked(components) {
+                continue;
+            }
             let feeding = FeedingOutputs::entry(&mut feeding[to.component], components, *from);
             feeding.outputs.push(from.fmu(components), from.scalar);
             feeding.places.push(place);
@@ -272,6 +315,7 @@ impl Wiring {
             && extrapolation.is_empty()
             && recorded_before.others.is_empty()
             && recorded_after.others.is_empty()
+            && held.is_empty()
             && groups.iter().all(|groups| groups.len() == 1 && groups[0].is_plain());
         Self {
             groups,
@@ -279,6 +323,10 @@ impl Wiring {
             counts,
             recorded_before,
             recorded_after,
+            recorded_at_ticks,
+            recorded_clocks,
+            held,
+            unset,
             faulty_connections,
             extrapolation,
             output_places,

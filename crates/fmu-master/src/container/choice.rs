@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use anyhow::{Result, bail, ensure};
-use fmu_description::{Causality, Variability};
+use fmu_description::{Causality, Type, Variability};
 
 use crate::components::{Components, ScalarId};
 use crate::connections::ResolvedConnection;
@@ -27,6 +27,7 @@ pub(crate) fn inputs(
         match variable.causality {
             _ if connected.contains(id) => Some("it is connected"),
             _ if of_table.contains(id) => Some("the table of inputs has a column for it"),
+            _ if variable.of_type == Type::Clock => Some("it is a clock"),
             Causality::Input => id.fmu(components).unusable(id.scalar),
             _ => Some("it is not an input"),
         }

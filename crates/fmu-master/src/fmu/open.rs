@@ -1,6 +1,6 @@
 //! Opens an FMU: reads its model description, chooses how to run it, and unpacks it.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -80,7 +80,7 @@ impl Fmu {
             "its variables have {count} elements, expected at most {MAX_VARIABLES}"
         );
         let mut variables = Vec::new();
-        let (mut clocked, mut nominals) = (HashSet::new(), HashMap::new());
+        let mut nominals = HashMap::new();
         let mut scalars = Vec::with_capacity(count);
         let mut index = HashMap::with_capacity(count);
         let mut arrays = HashMap::new();
@@ -95,9 +95,6 @@ impl Fmu {
             }
             let variable = variables.len();
             scalars.extend((0..v.element_count()).map(|element| Scalar { variable, element }));
-            if v.element.attribute("clocks").is_some() {
-                clocked.insert(variable);
-            }
             let nominal = v.inherited("nominal").and_then(|text| text.trim().parse().ok());
             let nominal = nominal.map(f64::abs).filter(|n| n.is_finite() && *n > 0.0);
             nominals.extend(nominal.map(|nominal| (variable, nominal)));
@@ -112,7 +109,6 @@ impl Fmu {
                 FmiVersion::Fmi3 => HashMap::new(),
             },
             scalars,
-            clocked,
             nominals,
             index,
             arrays,
@@ -139,7 +135,13 @@ impl Fmu {
             only_once,
             has_event_mode: interface_type == InterfaceType::CoSimulation
                 && interface.is_true("hasEventMode"),
-            has_clocks: variables.iter().any(|v| v.of_type == Type::Clock),
+            has_clocks: interface_type == InterfaceType::CoSimulation
+                && variables.iter().any(|v| {
+                    let is_of_host = matches!(v.causality, Causality::Input | Causality::Output);
+                    v.of_type == Type::Clock && is_of_host
+                }),
+            may_return_early: interface.is_true("mightReturnEarlyFromDoStep"),
+            evaluates_discrete_states: interface.is_true("providesEvaluateDiscreteStates"),
             variables,
             output_derivatives: output_derivatives(interface),
             interpolates_inputs: interface.is_true("canInterpolateInputs"),
@@ -227,10 +229,14 @@ fn interface<'a>(
     };
     let is_input_clock =
         |v: &&XmlVariable<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
-    if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
+    let is_clocked = found.0 == InterfaceType::CoSimulation && found.1.is_true("hasEventMode");
+    if let (Some((_, clock)), false) =
+        (model.variables().find(|(_, v)| is_input_clock(v)), is_clocked)
+    {
         bail!(
-            "its clock {} must be ticked by the master, which is not supported; it needs a host that activates input clocks in event mode",
-            clock.name
+            "its clock {} ticks in event mode, which it does not have in {}; expected co-simulation with hasEventMode",
+            clock.name,
+            found.0.as_str()
         );
     }
     Ok(found)

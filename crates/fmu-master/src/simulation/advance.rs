@@ -13,6 +13,10 @@ impl Simulation<'_> {
     /// experiment unless a component has a step of its own: passes values to inputs, has the components step in their
     /// order, and gets their outputs. Records nothing, and takes values from the input file only within the step.
     pub(crate) fn advance(&mut self, k: u64, time: f64, step: f64) -> CallResult {
+        for (from, to) in &self.plan.wiring.held {
+            let value = self.outputs.value(*from);
+            self.outputs.set(*to, value);
+        }
         if let Some(mut adaptive) = self.adaptive.take() {
             let advanced = self.advance_adaptively(&mut adaptive, k, time, step);
             self.adaptive = Some(adaptive);
@@ -37,11 +41,12 @@ impl Simulation<'_> {
             return stages.try_for_each(|stage| match *stage {
                 Stage::Component(index) => self.advance_component(index, k, time, step),
                 Stage::Group(number) => self.advance_group(number, k, time, step),
+                Stage::Clocked => self.advance_clocked(k, time, step),
             });
         }
         let all = stages.filter_map(|stage| match stage {
             Stage::Component(index) => Some(*index),
-            Stage::Group(_) => None,
+            Stage::Group(_) | Stage::Clocked => None,
         });
         for index in all.clone() {
             self.feed_component(index, k, time, step)?;
@@ -49,6 +54,7 @@ impl Simulation<'_> {
         for index in all.clone() {
             self.step_component(index, k, time, step)?;
         }
+        self.advance_clocked(k, time, step)?;
         all.into_iter().try_for_each(|index| self.read_component(index, k, time + step))
     }
 
