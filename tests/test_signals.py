@@ -77,10 +77,11 @@ def test_start_values_and_tables_have_bytes_of_the_size_of_their_input(letters):
     file.write_text(f"time,bytes\n0,00\n0.5,{'00' * 33}\n", encoding="utf-8")
     text = refusal(folder, "simulate", letters, "--input", file)
     assert text.endswith("row 2: bytes has 33 bytes, expected at most 32")
+    digits = "expected two hexadecimal digits for each byte, at most 32 bytes"
     for value, message in (
         (most + b"!", "bytes has 33 bytes, expected at most 32"),
-        ("0", 'bytes = "0" is invalid; expected two hexadecimal digits for each byte, at most 32 bytes'),
-        (0, "bytes = 0 is invalid; expected two hexadecimal digits for each byte"),
+        ("0", 'bytes = "0" is invalid; ' + digits),
+        (0, "bytes = 0 is invalid; " + digits),
     ):
         with pytest.raises(FmuError) as caught:
             simulate(letters, start_values={"bytes": value})

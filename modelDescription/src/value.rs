@@ -104,6 +104,16 @@ impl Value {
         }
     }
 
+    /// The value 0, false, or nothing of a type.
+    pub fn zero(of_type: Type) -> Self {
+        let number = Self::whole(of_type, 0).or_else(|| Self::real(of_type, 0.0));
+        number.unwrap_or_else(|| match of_type {
+            Type::String => Self::String(String::new()),
+            Type::Binary => Self::Binary(Vec::new()),
+            _ => Self::Boolean(false),
+        })
+    }
+
     /// Parses a value as a model description has it: an item by its number, bytes as hexadecimal digits.
     pub fn parse(of_type: Type, text: &str) -> Option<Self> {
         match of_type {

@@ -19,10 +19,10 @@ use crate::note::Note;
 use crate::rate;
 use crate::saved_run::{SavedRun, SystemIdentity};
 use crate::start::{ComponentStarts, StartValue, scalar_literals};
-use crate::store::{number, places};
+use crate::store::number;
 use crate::table::Column;
 use crate::wiring::Wiring;
-use crate::{Description, Execution, Experiment, Fmu, Literal, Order, Place, Solver};
+use crate::{Description, Execution, Experiment, Fmu, Literal, Order, Place, Row, Solver};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
@@ -140,15 +140,17 @@ impl Plan {
                 Type::Clock => Type::Boolean,
                 kind => kind,
             };
-            Column { items, ..Column::new(name, unit, kind) }
+            let optional = kind == variable.of_type && id.is_clocked(&components);
+            Column { items, optional, ..Column::new(name, unit, kind) }
         };
+        let columns = Vec::from_iter(recorded.iter().zip(names).map(column));
         let wiring = Wiring::new(
             description,
             &components,
             &connections,
             input.as_ref(),
             &host_inputs,
-            &recorded,
+            (&recorded, &columns),
         );
         wiring.extrapolation.check(&components)?;
         let (save, load) = (&description.save_state, &description.load_state);
@@ -200,7 +202,7 @@ impl Plan {
             wiring,
             loaded,
             save,
-            columns: recorded.iter().zip(names).map(column).collect(),
+            columns,
             notes: notes(&components, &recorded)
                 .into_iter()
                 .chain(experiment.note()?)
@@ -367,7 +369,7 @@ impl Plan {
     /// # Errors
     /// It is not recorded.
     pub fn place(&self, name: &str) -> Result<Place> {
-        let places = places(self.columns.iter().map(|column| column.kind));
+        let places = Row::places(&self.columns);
         let mut named = self.columns.iter().zip(places);
         let place = named.find_map(|(column, place)| (column.name == name).then_some(place));
         place.with_context(|| format!("{name} is not recorded"))

@@ -107,6 +107,9 @@ pub(crate) struct Summarizer<'a> {
     /// The row from which on there is more to do than the extremes.
     next: u64,
     extremes: Vec<Extremes>,
+    /// Of the columns whose values are not all of the type Float64, how many values are absent, and the last number.
+    absent: Vec<u64>,
+    latest: Vec<f64>,
     /// The time (s) of the first value that is not finite.
     lost: Vec<Option<f64>>,
     /// The values at the start, and at the end of each part, and the row of the next ones.
@@ -204,12 +207,15 @@ impl<'a> Summarizer<'a> {
         // Checked when the plan was made.
         let steps = plan.experiment.steps().unwrap_or(0) - plan.first();
         let none = Extremes { min: f64::INFINITY, max: f64::NEG_INFINITY, squares: 0.0 };
+        let others = plan.columns.iter().filter(|column| !column.is_real()).count();
         let window = steps / 10 / WINDOWS;
         Self {
             plan,
             rows: 0,
             next: 0,
             extremes: vec![none; count],
+            absent: vec![0; others],
+            latest: vec![0.0; others],
             lost: vec![None; count],
             parts: Vec::with_capacity(PARTS + 1),
             next_part: 0,
@@ -239,10 +245,17 @@ impl<'a> Summarizer<'a> {
     #[inline(never)]
     fn inspect(&mut self, row: &Row) {
         let Store { reals, others } = &row.store;
-        for (extremes, value) in self.extremes[reals.len()..].iter_mut().zip(others) {
-            extremes.add(number(value));
+        for (index, cell) in others.iter().enumerate() {
+            match cell {
+                Some(value) => {
+                    self.latest[index] = number(value);
+                    self.extremes[reals.len() + index].add(self.latest[index]);
+                }
+                None => self.absent[index] += 1,
+            }
         }
-        for (lost, x) in self.lost.iter_mut().zip(row.numbers()) {
+        let numbers = reals.iter().chain(&self.latest);
+        for (lost, x) in self.lost.iter_mut().zip(numbers) {
             if !x.is_finite() {
                 lost.get_or_insert(row.time);
             }
@@ -261,7 +274,7 @@ impl<'a> Summarizer<'a> {
 
     #[cold]
     fn end_part(&mut self, row: &Row) {
-        self.parts.push(row.numbers().collect());
+        self.parts.push(row.store.reals.iter().chain(&self.latest).copied().collect());
         let rows = self.steps.saturating_sub(1) * self.parts.len() as u64;
         self.next_part = rows.div_ceil(PARTS as u64);
     }
@@ -272,7 +285,8 @@ impl<'a> Summarizer<'a> {
         if is_last {
             self.end_of_window += self.window;
         }
-        for (turns, x) in self.turns.iter_mut().zip(row.numbers()) {
+        let numbers = row.store.reals.iter().chain(&self.latest);
+        for (turns, x) in self.turns.iter_mut().zip(numbers.copied()) {
             let now = &mut turns.now;
             if x != turns.last {
                 let rises = x > turns.last;
@@ -296,18 +310,19 @@ impl<'a> Summarizer<'a> {
         for (place, (column, allowed)) in
             Row::places(columns).zip(columns.iter().zip(&self.plan.bounds))
         {
-            let index = match place {
-                Place::Real(index) => index,
+            let (index, absent) = match place {
+                Place::Real(index) => (index, 0),
                 Place::Other(index) => {
-                    index + columns.iter().filter(|c| c.kind == Type::Float64).count()
+                    (columns.len() - self.absent.len() + index, self.absent[index])
                 }
             };
-            if !is_number(column.kind) || self.rows == 0 {
+            let values = self.rows - absent;
+            if !is_number(column.kind) || values == 0 {
                 statistics.push(None);
                 continue;
             }
             let Extremes { min, max, squares } = self.extremes[index];
-            let rms = (squares / self.rows as f64).sqrt();
+            let rms = (squares / values as f64).sqrt();
             statistics.push(Some(Statistics { min, max, rms }));
             if let Some(time) = self.lost[index] {
                 let text = format!("{} from t = {time:?} s", column.name);

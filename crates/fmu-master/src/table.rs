@@ -17,8 +17,8 @@ mod read;
 mod rows;
 mod write;
 
-pub use column::{Cell, Column, Format, Series};
-pub(crate) use column::{boolean, excerpt, expected};
+pub use column::{Cell, Column, Format, Series, excerpt};
+pub(crate) use column::{boolean, expected};
 pub use compare::{Difference, Tolerance, compare};
 pub use csv::{fields, header, parse, push_line};
 pub use parquet::{ParquetWriter, write_parquet};

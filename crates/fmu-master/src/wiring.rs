@@ -26,8 +26,8 @@ use crate::connections::ResolvedConnection;
 use crate::extrapolation::Extrapolation;
 use crate::fault::{FaultState, FaultyConnection};
 use crate::input_table::InputTable;
-use crate::store::{Place, RecordedSignals, Transfer, places};
-use crate::{Conversion, Description};
+use crate::store::{Place, RecordedSignals, Transfer};
+use crate::{Column, Conversion, Description, Row};
 
 /// The ways of all values between the components and into rows.
 pub(crate) struct Wiring {
@@ -43,6 +43,8 @@ pub(crate) struct Wiring {
     pub(crate) recorded_after: RecordedSignals,
     /// The recorded signals of components with clocks, whose values after the ticks at a communication point are recorded.
     pub(crate) recorded_at_ticks: RecordedSignals,
+    /// The recorded clocked variables.
+    pub(crate) clocked_columns: Vec<ClockedColumn>,
     /// The recorded clocks of each component, by value reference, and their places.
     pub(crate) recorded_clocks: Vec<Vec<(u32, Place)>>,
     /// The outputs of continuous components that feed components with clocks, and the places where their values are held
@@ -61,6 +63,16 @@ pub(crate) struct Wiring {
     pub(crate) host_places: Vec<Place>,
     /// Whether every value that is transferred at a step is a Float64 that is not changed on its way.
     pub(crate) is_plain: bool,
+}
+
+/// A recorded clocked variable, whose value is absent in a row since whose last one none of its clocks has ticked.
+pub(crate) struct ClockedColumn {
+    pub(crate) component: usize,
+    /// The clocks, by value reference.
+    pub(crate) clocks: Vec<u32>,
+    /// The place of the value, and the index of the column among the others in a row.
+    pub(crate) from: Place,
+    pub(crate) to: usize,
 }
 
 /// The connected and recorded variables of one component and one type.
@@ -206,7 +218,7 @@ impl Wiring {
         connections: &[ResolvedConnection],
         input: Option<&InputTable>,
         host_inputs: &[ScalarId],
-        recorded: &[ScalarId],
+        (recorded, columns): (&[ScalarId], &[Column]),
     ) -> Self {
         let reals = |component: &LoadedComponent| {
             vec![VariableGroup::new(component.fmu.version, Type::Float64, &[])]
@@ -242,15 +254,21 @@ impl Wiring {
 
         let [mut recorded_before, mut recorded_after, mut recorded_at_ticks] =
             [(); 3].map(|()| RecordedSignals::default());
-        let types = recorded.iter().map(|id| id.variable(components).of_type);
-        for (id, column) in recorded.iter().zip(places(types)) {
+        let mut clocked_columns = Vec::new();
+        for ((id, column), place) in recorded.iter().zip(columns).zip(Row::places(columns)) {
             let component = &components[id.component];
+            if let (true, Place::Other(to)) = (column.optional, place) {
+                let (component, clocks) = (id.component, id.clocks(components).to_vec());
+                let from = output_places[id];
+                clocked_columns.push(ClockedColumn { component, clocks, from, to });
+                continue;
+            }
             let signals = match component.sampled {
                 _ if component.is_clocked() => &mut recorded_at_ticks,
                 true => &mut recorded_after,
                 false => &mut recorded_before,
             };
-            signals.add(output_places[id], column);
+            signals.add(output_places[id], place);
         }
 
         let mut extrapolation = Extrapolation::new(components, connections, &mut counts);
@@ -324,6 +342,7 @@ impl Wiring {
             recorded_before,
             recorded_after,
             recorded_at_ticks,
+            clocked_columns,
             recorded_clocks,
             held,
             unset,

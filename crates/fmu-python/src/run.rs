@@ -201,8 +201,10 @@ fn statistics<'py>(
         for (key, value) in [("min", min), ("max", max), ("rms", rms)] {
             one.set_item(key, value)?;
         }
-        let last = last.as_real().or_else(|| last.as_whole().map(|whole| whole as f64));
-        one.set_item("last", last)?;
+        let number =
+            |last: Value| last.as_real().or_else(|| last.as_whole().map(|whole| whole as f64));
+        // Absent is no number.
+        one.set_item("last", last.map_or(Some(f64::NAN), number))?;
         all.set_item(&column.name, one)?;
     }
     Ok(all)

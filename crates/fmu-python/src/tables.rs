@@ -33,20 +33,20 @@ pub fn read(py: Python<'_>, file: PathBuf) -> PyResult<Vec<ReadColumn<'_>>> {
     columns.collect()
 }
 
-/// Writes a table, of whose columns there are the type and the items besides.
+/// Writes a table, of whose columns there are the type, the items and whether values may be absent besides.
 #[pyfunction]
 pub fn write(
     py: Python<'_>,
     file: PathBuf,
     table: Table<'_>,
-    about: Vec<(String, Items)>,
+    about: Vec<(String, Items, bool)>,
 ) -> PyResult<()> {
     let mut columns = Vec::new();
-    for ((name, unit, cells), (kind, items)) in table.iter().zip(about) {
+    for ((name, unit, cells), (kind, items, is_masked)) in table.iter().zip(about) {
         let kind = Type::parse(&kind);
         let kind =
             kind.ok_or_else(|| PyTypeError::new_err(format!("{name} has no type of FMI")))?;
-        let optional = cells.iter().any(Option::is_none);
+        let optional = is_masked || cells.iter().any(Option::is_none);
         columns.push(Column { items, optional, ..Column::new(name, unit, kind) });
     }
     let table = arguments::series(&table)?;

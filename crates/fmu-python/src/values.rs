@@ -13,6 +13,8 @@ use pyo3::types::{PyByteArray, PyBytes, PyFloat, PyList, PyString};
 struct Data {
     bytes: Vec<u8>,
     others: Vec<Value>,
+    /// For each value, whether it is absent; empty of a column in which none may be.
+    absent: Vec<u8>,
 }
 
 /// The rows of a run.
@@ -28,16 +30,22 @@ impl Columns {
         self.data.resize_with(columns.len(), Data::default);
         self.times.push(row.time);
         let values = columns.iter().zip(row.values(columns));
-        for (data, (column, value)) in self.data.iter_mut().zip(values) {
-            data.push(match value {
+        for (data, (column, cell)) in self.data.iter_mut().zip(values) {
+            if column.optional {
+                data.absent.push(cell.is_none().into());
+            }
+            data.push(match cell {
                 // As FMI 2.0 accesses the number of an item.
-                Value::Int32(item) if column.kind == Type::Enumeration => Value::Int64(item.into()),
-                value => value,
+                Some(Value::Int32(item)) if column.kind == Type::Enumeration => {
+                    Value::Int64(item.into())
+                }
+                Some(value) => value,
+                None => Value::zero(column.kind),
             });
         }
     }
 
-    /// The columns of Python: name, unit, type and data of each.
+    /// The columns of Python: name, unit, type, data, and which values are absent, of each.
     pub fn into_python<'py>(
         self,
         py: Python<'py>,
@@ -50,8 +58,10 @@ impl Columns {
         data.resize_with(columns.len(), Data::default);
         let all = [&time].into_iter().chain(columns).zip([times].into_iter().chain(data));
         let list = PyList::empty(py);
-        for (Column { name, unit, kind, .. }, data) in all {
-            list.append((name, unit, kind.as_str(), data.into_python(py, *kind)?))?;
+        for (Column { name, unit, kind, optional, .. }, mut data) in all {
+            let absent = std::mem::take(&mut data.absent);
+            let absent = optional.then(|| PyByteArray::new(py, &absent));
+            list.append((name, unit, kind.as_str(), data.into_python(py, *kind)?, absent))?;
         }
         Ok(list)
     }
@@ -65,7 +75,8 @@ macro_rules! push {
                 match value {
                     $(Value::$real(number) => self.bytes.extend_from_slice(&number.to_ne_bytes()),)*
                     $(Value::$whole(number) => self.bytes.extend_from_slice(&number.to_ne_bytes()),)*
-                    Value::Boolean(value) => self.bytes.push(value.into()),
+                    Value::Enumeration(item) => self.bytes.extend_from_slice(&item.to_ne_bytes()),
+                    Value::Boolean(value) | Value::Clock(value) => self.bytes.push(value.into()),
                     other => self.others.push(other),
                 }
             }
@@ -129,7 +140,9 @@ pub fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
 /// A value of Python.
 pub fn to_python(py: Python<'_>, value: Value) -> PyResult<Bound<'_, PyAny>> {
     Ok(match value {
-        Value::Boolean(value) => value.into_pyobject(py)?.to_owned().into_any(),
+        Value::Boolean(value) | Value::Clock(value) => {
+            value.into_pyobject(py)?.to_owned().into_any()
+        }
         Value::String(text) => PyString::new(py, &text).into_any(),
         Value::Binary(bytes) => PyBytes::new(py, &bytes).into_any(),
         value => match value.as_whole() {

@@ -12,7 +12,7 @@ use clap::{Args, ValueEnum};
 use fmu_description::{Type, Value};
 use fmu_master::job::{self, Job, SystemSource};
 use fmu_master::run::{self, Ready, RunOutcome, SupervisedRun, Watch};
-use fmu_master::table::{Format, header, is_standard_input, push_line};
+use fmu_master::table::{Format, excerpt, header, is_standard_input, push_line};
 use fmu_master::{
     Column, Compilation, Computed, Experiment, FunctionTime, Literal, Message, Observation,
     Overrides, Profile, Row, Statistics,
@@ -184,8 +184,7 @@ pub fn supervise(args: &SimulateArgs, session: &Session, out: &mut impl Write) -
                 printer.borrow_mut().print(&ready.columns, row);
             }
             if has_page {
-                let values = row.values(&ready.columns).map(Some);
-                draw(ready).borrow_mut().push(row.time, values);
+                draw(ready).borrow_mut().push(row.time, row.values(&ready.columns));
             }
         },
         compute: &no_function,
@@ -372,11 +371,13 @@ fn report(out: &mut impl Write, finished: &SupervisedRun) -> Result<()> {
             number.map_or_else(String::new, |number| format!("{number:.3e}"))
         };
         let value = match &value {
-            _ if !c.items.is_empty() => c.named(value).to_string(),
-            Value::Float64(value) => format!("{value:.9e}"),
-            Value::Float32(value) => format!("{value:.9e}"),
-            Value::String(text) => format!("{text:?}"),
-            value => value.to_string(),
+            None => "absent".to_owned(),
+            Some(value) if !c.items.is_empty() => c.named(value.clone()).to_string(),
+            Some(Value::Float64(value)) => format!("{value:.9e}"),
+            Some(Value::Float32(value)) => format!("{value:.9e}"),
+            Some(Value::String(text)) => format!("{text:?}"),
+            Some(Value::Binary(bytes)) => excerpt(bytes),
+            Some(value) => value.to_string(),
         };
         [
             c.name.clone(),

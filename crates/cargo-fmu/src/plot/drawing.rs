@@ -120,6 +120,8 @@ struct Signal {
     curve: Curve,
     items: Vec<String>,
     index: HashMap<String, usize>,
+    /// The last number; a clocked variable, which may be absent, keeps it until the next tick.
+    last: f64,
     /// The number of values that are NaN, infinite, missing or no number.
     without: usize,
 }
@@ -198,7 +200,8 @@ impl Run {
         let signals = columns.iter().zip(curves).map(|(column, curve)| {
             let items = Vec::from_iter(column.items.values().cloned());
             let index = items.iter().cloned().zip(0..).collect();
-            Signal { column: column.clone(), curve: curve.clone(), items, index, without: 0 }
+            let (column, curve, last) = (column.clone(), curve.clone(), f64::NAN);
+            Signal { column, curve, items, index, last, without: 0 }
         });
         let signals = Vec::from_iter(signals);
         Self { name, decimation: Decimation::new(signals.len(), values), signals }
@@ -243,13 +246,15 @@ impl Signal {
     fn number(&mut self, cell: Option<Cell>) -> f64 {
         let number = match cell {
             Some(cell) if is_text(&self.column) => Some(self.item(cell) as f64),
-            Some(Cell::Boolean(value)) => Some(f64::from(value)),
+            Some(Cell::Boolean(value) | Cell::Clock(value)) => Some(f64::from(value)),
+            None if self.column.optional => return self.last,
             Some(cell) => cell.as_real().or_else(|| cell.as_whole().map(|whole| whole as f64)),
             None => None,
         };
         let number = number.filter(|number| number.is_finite());
         self.without += usize::from(number.is_none());
-        number.unwrap_or(f64::NAN)
+        self.last = number.unwrap_or(f64::NAN);
+        self.last
     }
 
     /// The index of a text or of the name of an item, which may be a new one.
@@ -269,7 +274,7 @@ impl Signal {
         let Self { column, curve, items, .. } = self;
         let kind = match column.kind {
             _ if is_text(column) => "items",
-            Type::Boolean => "boolean",
+            Type::Boolean | Type::Clock => "boolean",
             _ => "number",
         };
         json!({
@@ -291,7 +296,7 @@ fn is_text(column: &Column) -> bool {
 }
 
 fn is_number(column: &Column) -> bool {
-    !is_text(column) && !matches!(column.kind, Type::Boolean | Type::Binary)
+    !is_text(column) && !matches!(column.kind, Type::Boolean | Type::Clock | Type::Binary)
 }
 
 /// The columns of a table after its first one, the time.

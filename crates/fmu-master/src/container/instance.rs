@@ -374,7 +374,8 @@ impl Container {
         };
         match (exposed.source, run) {
             (Source::Output(place), Some(run)) => {
-                run.with_dependent(|_, simulation| simulation.row().store.value(place))
+                let cell = run.with_dependent(|_, simulation| simulation.row().store.cell(place));
+                cell.unwrap_or_else(|| Value::zero(exposed.variable.of_type))
             }
             (Source::Input(place), Some(run)) => {
                 run.with_dependent(|_, simulation| simulation.input(place))
@@ -382,7 +383,7 @@ impl Container {
             _ => {
                 let given = self.given.get(&reference).cloned();
                 let start = || exposed.variable.start.first().cloned();
-                given.or_else(start).unwrap_or_else(|| zero(exposed.variable.of_type))
+                given.or_else(start).unwrap_or_else(|| Value::zero(exposed.variable.of_type))
             }
         }
     }
@@ -560,14 +561,4 @@ fn converted(value: &Value, of_type: Type) -> Option<Value> {
         Some(real) => Value::real(of_type, real),
         None => Value::whole(of_type, value.as_whole()?),
     }
-}
-
-/// The value of an output that is not yet computed.
-fn zero(of_type: Type) -> Value {
-    let number = Value::whole(of_type, 0).or(Value::real(of_type, 0.0));
-    number.unwrap_or(match of_type {
-        Type::String => Value::String(String::new()),
-        Type::Binary => Value::Binary(Vec::new()),
-        _ => Value::Boolean(false),
-    })
 }

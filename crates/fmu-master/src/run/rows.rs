@@ -59,8 +59,8 @@ impl Rows {
         let columns = &self.columns[1..];
         table::push_line(&mut self.text, row.cells(columns));
         if let Some(parquet) = &mut self.parquet {
-            let time = [Value::Float64(row.time)].into_iter();
-            parquet.push(time.chain(row.values(columns)).map(Some).collect())?;
+            let time = [Some(Value::Float64(row.time))].into_iter();
+            parquet.push(time.chain(row.values(columns)).collect())?;
         }
         self.ends.push((self.text.len(), row.time));
         if self.text.len() >= BUFFER { self.flush() } else { Ok(()) }

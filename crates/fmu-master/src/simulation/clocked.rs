@@ -7,7 +7,7 @@
 //! end of the step belong to the next communication point.
 
 use anyhow::Result;
-use fmu_description::{Type, Value};
+use fmu_description::Value;
 
 use super::Simulation;
 use crate::clocked_stage::{ClockedStage, Member};
@@ -17,6 +17,7 @@ use crate::recorded_instance::IntegrationError;
 use crate::start::ComponentStarts;
 use crate::store::{Store, number};
 use crate::ticks::rounding;
+use crate::wiring::ClockedColumn;
 use crate::{Conversion, Place, Plan};
 
 /// Maximum number of super-dense instants in an instant, and of steps without progress.
@@ -31,7 +32,7 @@ impl Simulation<'_> {
         for (id, place) in outputs.filter(|(id, _)| id.variable(components).is_of_ticks()) {
             let fmu = id.fmu(components);
             let start = fmu.start(id.scalar).cloned();
-            let start = start.unwrap_or_else(|| zero(fmu.access_type(id.scalar)));
+            let start = start.unwrap_or_else(|| Value::zero(fmu.access_type(id.scalar)));
             self.outputs.set(*place, start);
         }
         for (to, place, conversion) in &wiring.unset {
@@ -97,6 +98,11 @@ impl Simulation<'_> {
             }
         }
         self.tick(stage, time, step)?;
+        for ClockedColumn { component, clocks, from, to } in &self.plan.wiring.clocked_columns {
+            let ticking = self.components[*component].clocks.as_ref();
+            let has_ticked = ticking.is_some_and(|ticking| ticking.has_ticked(clocks));
+            self.row.store.others[*to] = has_ticked.then(|| self.outputs.value(*from));
+        }
         let is_row = k.is_multiple_of(self.plan.output_every);
         for member in &stage.members {
             let Some(clocks) = &mut self.components[member.component].clocks else { continue };
@@ -290,16 +296,6 @@ impl Simulation<'_> {
         let error = IntegrationError::Equations { reason, is_discarded: false, advice: None };
         self.components[waiting.component].integration_error(error, String::new())
     }
-}
-
-/// The zero of a type.
-fn zero(kind: Type) -> Value {
-    let number = Value::real(kind, 0.0).or_else(|| Value::whole(kind, 0));
-    number.unwrap_or_else(|| match kind {
-        Type::String => Value::String(String::new()),
-        Type::Binary => Value::Binary(Vec::new()),
-        _ => Value::Boolean(false),
-    })
 }
 
 /// Takes the values of the inputs that are watched.

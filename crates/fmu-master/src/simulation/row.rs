@@ -1,10 +1,10 @@
 //! A row of results.
 
-use fmu_description::{Type, Value};
+use fmu_description::Value;
 use serde::{Deserialize, Serialize};
 
 use crate::Place;
-use crate::store::{Store, number, places};
+use crate::store::{Store, places};
 use crate::table::{Cell, Column};
 
 /// A row of results: the values of the recorded variables at a communication point. Its columns are those
@@ -13,7 +13,7 @@ use crate::table::{Cell, Column};
 pub struct Row {
     /// The communication point (s).
     pub time: f64,
-    pub(crate) store: Store,
+    pub(crate) store: Store<Cell>,
 }
 
 impl Row {
@@ -39,32 +39,26 @@ impl Row {
         self.store.reals.first_chunk()
     }
 
-    /// The values of the columns of [`Plan::columns`](crate::Plan::columns).
-    pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
-        Self::places(columns).map(|place| self.store.value(place))
+    /// The values of the columns of [`Plan::columns`](crate::Plan::columns); `None` where one is absent.
+    pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Cell> {
+        Self::places(columns).map(|place| self.store.cell(place))
     }
 
     /// The time and the values of the columns as people read them.
     pub fn cells(&self, columns: &[Column]) -> impl Iterator<Item = Cell> {
         let values = columns.iter().zip(self.values(columns));
-        let values = values.map(|(column, value)| column.named(value));
-        [Value::Float64(self.time)].into_iter().chain(values).map(Some)
+        let values = values.map(|(column, value)| value.map(|value| column.named(value)));
+        [Some(Value::Float64(self.time))].into_iter().chain(values)
     }
 
     /// The places of the columns.
     pub(crate) fn places(columns: &[Column]) -> impl Iterator<Item = Place> {
-        places(columns.iter().map(|column| column.kind))
-    }
-
-    /// All values as numbers: Float64 values, then values of other types.
-    pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
-        let Store { reals, others } = &self.store;
-        reals.iter().copied().chain(others.iter().map(number))
+        places(columns.iter().map(Column::is_real))
     }
 }
 
-/// The number of columns of the type Float64, and of the others.
+/// The number of columns with a Float64 in every row, and of the others.
 fn counts(columns: &[Column]) -> [usize; 2] {
-    let reals = columns.iter().filter(|c| c.kind == Type::Float64).count();
+    let reals = columns.iter().filter(|column| column.is_real()).count();
     [reals, columns.len() - reals]
 }

@@ -1,7 +1,7 @@
 //! The signals of the control loop from which the metrics are computed: their names in the sweep file, their places in
 //! a row of the system, and their values at one time.
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use fmu_description::Type;
 use serde::Deserialize;
 
@@ -44,6 +44,8 @@ impl SignalNames {
                 let (name, kind) = (&column.name, kind.as_str());
                 bail!("{name} cannot be a signal: it is a {kind}");
             }
+            let name = &column.name;
+            ensure!(!column.optional, "{name} cannot be a signal: it is clocked");
         }
         let mut places = [Place::Real(0); 4];
         for (place, name) in places.iter_mut().zip(self.all()) {

@@ -48,6 +48,11 @@ impl Column {
         Self { optional, ..self }
     }
 
+    /// Whether it has a Float64 in every row.
+    pub(crate) fn is_real(&self) -> bool {
+        self.kind == Type::Float64 && !self.optional
+    }
+
     /// A value as people read it: an item by its name, if it has one.
     pub fn named(&self, value: Value) -> Value {
         named(&self.items, value)
@@ -79,7 +84,7 @@ impl Column {
 }
 
 /// The hexadecimal digits of bytes, in a message that need not have all.
-pub(crate) fn excerpt(bytes: &[u8]) -> String {
+pub fn excerpt(bytes: &[u8]) -> String {
     /// The number of bytes that a message shows.
     const SHOWN: usize = 16;
     match bytes.get(..SHOWN) {
@@ -138,7 +143,7 @@ impl Series {
 /// A value as a number, true as 1; `None` if it is missing or a text.
 pub(super) fn number(cell: &Cell) -> Option<f64> {
     match cell.as_ref()? {
-        Value::Boolean(value) => Some(f64::from(*value)),
+        Value::Boolean(value) | Value::Clock(value) => Some(f64::from(*value)),
         value => value.as_real().or_else(|| value.as_whole().map(|number| number as f64)),
     }
 }

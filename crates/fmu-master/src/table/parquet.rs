@@ -201,7 +201,8 @@ fn write_column(
         Physical::FLOAT => typed::<FloatType>(group, column, cells, |v| real(v) as f32),
         Physical::DOUBLE => typed::<DoubleType>(group, column, cells, real),
         Physical::BOOLEAN => {
-            typed::<BoolType>(group, column, cells, |v| *v == Value::Boolean(true))
+            let is_true = |v: &Value| matches!(v, Value::Boolean(true) | Value::Clock(true));
+            typed::<BoolType>(group, column, cells, is_true)
         }
         _ => typed::<ByteArrayType>(group, column, cells, |value| match value {
             Value::String(text) => text.as_bytes().to_vec().into(),

@@ -78,6 +78,8 @@ def array(values: Any) -> np.ndarray:
 
     It rounds whole numbers among floats, cuts zeros from bytes, and makes texts of all by a text.
     """
+    if np.ma.isMaskedArray(values):
+        return values
     found = np.asarray(values)
     if hasattr(values, "dtype"):
         return found

@@ -219,11 +219,11 @@ def _signals(result: Result) -> list[list[Any]]:
     rows = []
     for name in list(result)[1:]:
         column, items = result[name], result.enumerations.get(name)
-        last = column[-1] if len(column) else None
+        last = column[-1] if len(column) and column[-1] is not np.ma.masked else None
         low = high = None
         if items is not None:
             last = last if last is None else items.get(int(last), last)
-        elif len(column) and column.dtype.kind in "fiu":
+        elif np.ma.count(column) and column.dtype.kind in "fiu":
             low, high = column.min(), column.max()
         rows.append([name, result.units.get(name, ""), low, high, last])
     return rows

@@ -28,6 +28,9 @@ _BUCKETS = 1000
 _MOST = 24
 """The most pictures that are drawn without being asked for."""
 
+_MARKED = 200
+"""The most values of a clocked variable that have a mark each."""
+
 _DASHES = ("-", "--", "-.", ":")
 """The dashes of the runs that are compared."""
 
@@ -268,10 +271,17 @@ def _key(axis: Axes, panel: _Panel, is_compared: bool) -> None:
         axis.legend(list(shown.values()), texts, **place, **look)
 
 
-def _values(result: Result, name: str) -> Values:
+def _present(result: Result, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first column and another one, without the rows in which a value is absent."""
+    first, column = result[next(iter(result))], result[name]
+    if not np.ma.isMaskedArray(column):
+        return first, column
+    return first[~np.ma.getmaskarray(column)], column.compressed()
+
+
+def _values(result: Result, name: str, column: np.ndarray) -> Values:
     """Return a column as numbers, with the names of enumerations and texts."""
     items = result.enumerations.get(name)
-    column = result[name]
     if items is None:
         return numbers(column)
     used = set(np.unique(column).tolist())
@@ -281,12 +291,15 @@ def _values(result: Result, name: str) -> Values:
 
 def _line(axis: Axes, result: Result, name: str, style: Mapping[str, Any]) -> dict[int, str]:
     """Draw a column over the first one; return the names of its values."""
-    first = next(iter(result))
-    values, names = _values(result, name)
+    times, column = _present(result, name)
+    values, names = _values(result, name, column)
     rows = extremes(values)
     is_held = name in result.held or bool(names) or values.dtype.kind in "iu"
     steps = "steps-post" if is_held else "default"
-    axis.plot(result[first][rows], values[rows], drawstyle=steps, label=name, **style)
+    # Of a variable with few values, each is seen.
+    is_sparse = np.ma.isMaskedArray(result[name]) and len(values) <= _MARKED
+    marker = "." if is_sparse else ""
+    axis.plot(times[rows], values[rows], drawstyle=steps, marker=marker, label=name, **style)
     return names
 
 
@@ -297,9 +310,12 @@ def _draw_bands(axis: Axes, panel: _Panel, runs: Mapping[str, Result]) -> None:
         for number, name in enumerate(panel.names):
             if name not in run:
                 continue
-            first, values = next(iter(run)), run[name].view(np.int8)
+            times, column = _present(run, name)
+            if not len(column):
+                continue
+            values = column.view(np.int8)
             rows = extremes(values)
-            time, is_true = run[first][rows], values[rows]
+            time, is_true = times[rows], values[rows]
             edges = np.diff(is_true, prepend=np.int8(0), append=np.int8(0))
             begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
             ends = np.minimum(ends, len(time) - 1)

@@ -144,6 +144,10 @@ class Result(Mapping[str, np.ndarray]):
     time. `result[["theta", "q"]]` is the result with the time and these columns. Results are equal
     if they have the same columns with the same values and units.
 
+    The column of a clocked variable is a masked array: its value is masked (absent) in rows since
+    whose last one none of its clocks has ticked. `column.compressed()` has the others,
+    `result["time"][~column.mask]` their times. The column of a clock is True if it has ticked.
+
     Attributes
     ----------
     units : dict
@@ -175,9 +179,9 @@ class Result(Mapping[str, np.ndarray]):
         one is the master itself, without names.
     """
 
-    def __init__(self, columns: Sequence[tuple[str, str, str, Any]], **about: Any):
-        self._columns = {name: _array(kind, data) for name, _, kind, data in columns}
-        self.units = {name: unit for name, unit, _, _ in columns}
+    def __init__(self, columns: Sequence[tuple[str, str, str, Any, Any]], **about: Any):
+        self._columns = {name: _array(*values) for name, _, *values in columns}
+        self.units = {name: unit for name, unit, *_ in columns}
         self.enumerations: dict[str, dict[int, str]] = about.get("enumerations", {})
         self.held: set[str] = set(about.get("held", ()))
         self._set_points: dict[str, str] | None = about.get("set_points")
@@ -216,7 +220,9 @@ class Result(Mapping[str, np.ndarray]):
         elements = self._elements(name)
         if elements == [name]:
             return self._columns[name]
-        return np.stack([self._columns[n] for n in elements], axis=1)
+        columns = [self._columns[n] for n in elements]
+        stack = np.ma.stack if any(map(np.ma.isMaskedArray, columns)) else np.stack
+        return stack(columns, axis=1)
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and (name in self._columns or bool(self._elements(name, ())))
@@ -294,7 +300,9 @@ class Result(Mapping[str, np.ndarray]):
         column, items = self[name], self.enumerations.get(name)
         if items is None:
             return column
-        return np.array([items.get(number, number) for number in column.tolist()], object)
+        named = np.array([items.get(number, number) for number in column.tolist()], object)
+        is_masked = np.ma.isMaskedArray(column)
+        return np.ma.MaskedArray(named, np.ma.getmaskarray(column)) if is_masked else named
 
     @property
     def set_points(self) -> dict[str, str]:
@@ -337,7 +345,7 @@ class Result(Mapping[str, np.ndarray]):
             elif name in self._incomplete:
                 values = [None if value != value else value for value in values]
             table.append((name, self.units.get(name, ""), values))
-            about.append((kind, items))
+            about.append((kind, items, np.ma.isMaskedArray(column)))
         _native.write(Path(filename), table, about)
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -355,7 +363,10 @@ class Result(Mapping[str, np.ndarray]):
         """Return a data frame of Polars, whose first column is the time [s]."""
         import polars
 
-        return polars.DataFrame(self._columns)
+        frame = polars.DataFrame({n: np.ma.getdata(column) for n, column in self.items()})
+        absent = {n: np.ma.getmaskarray(c) for n, c in self.items() if np.ma.isMaskedArray(c)}
+        columns = [polars.when(~polars.Series(mask)).then(n).alias(n) for n, mask in absent.items()]
+        return frame.with_columns(columns)
 
     def plot(
         self,
@@ -392,7 +403,9 @@ class Result(Mapping[str, np.ndarray]):
 
 
 def read(filename: str | os.PathLike[str]) -> Result:
-    """Read results from a file, CSV or Parquet; NaN stands for a number that is missing.
+    """Read results from a file, CSV or Parquet.
+
+    Values that are missing are masked, and in the table of a sweep NaN for numbers.
 
     Raises
     ------
@@ -402,7 +415,12 @@ def read(filename: str | os.PathLike[str]) -> Result:
     result = Result(())
     for name, unit, items, kind, data in _native.read(Path(filename)):
         result.units[name] = unit
-        result._columns[name] = _array(kind, data) if kind else _column(name, data)
+        if kind:
+            result._columns[name] = _array(kind, data)
+        elif "time" in result and None in data:
+            result._columns[name] = _with_absent(data)
+        else:
+            result._columns[name] = _column(name, data)
         if items:
             result.enumerations[name] = items
         if not kind and result._columns[name].dtype.kind == "f":
@@ -417,6 +435,15 @@ def _column(name: str, cells: Sequence[Any]) -> np.ndarray:
         column[:] = cells
         return column
     return array([np.nan if cell is None else cell for cell in cells])
+
+
+def _with_absent(cells: Sequence[Any]) -> np.ndarray:
+    """Return the masked array of a column of a run in which values are missing."""
+    mask = [cell is None for cell in cells]
+    known = array([cell for cell in cells if cell is not None])
+    found = np.zeros(len(cells), known.dtype)
+    found[~np.array(mask)] = known
+    return np.ma.MaskedArray(found, mask)
 
 
 def _kind(column: np.ndarray) -> str:
@@ -439,17 +466,21 @@ def _is_equal(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether columns have the same values; NaN equals NaN."""
     if len(a) != len(b):
         return False
-    if object in (a.dtype, b.dtype):
+    if object in (a.dtype, b.dtype) or np.ma.isMaskedArray(a) or np.ma.isMaskedArray(b):
         pairs = zip(a.tolist(), b.tolist(), strict=True)
         return all(x == y or (x != x and y != y) for x, y in pairs)
     return bool(np.all((a == b) | ((a != a) & (b != b))))
 
 
-def _array(kind: str, data: Any) -> np.ndarray:
-    """Return the array of a column of a type of FMI; numbers are not copied."""
+def _array(kind: str, data: Any, absent: Any = None) -> np.ndarray:
+    """Return the array of a column of a type of FMI; numbers are not copied.
+
+    It is masked if the values may be absent, which `absent` tells of each.
+    """
     if kind in ("String", "Binary"):
         array = np.empty(len(data), object)
         array[:] = data
-        return array
-    names = {"Boolean": "bool", "Clock": "bool", "Enumeration": "int64"}
-    return np.frombuffer(data, names.get(kind, kind.lower()))
+    else:
+        names = {"Boolean": "bool", "Clock": "bool", "Enumeration": "int64"}
+        array = np.frombuffer(data, names.get(kind, kind.lower()))
+    return array if absent is None else np.ma.MaskedArray(array, np.frombuffer(absent, bool))

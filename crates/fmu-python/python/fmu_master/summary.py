@@ -69,14 +69,16 @@ class Summary(dict[str, dict[str, float]]):
 
 
 def statistics_of(columns: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:
-    """Return the statistics of columns; Booleans and texts have none."""
-    numbers = {n: c.astype(float) for n, c in columns.items() if c.dtype.kind in "iuf" and len(c)}
+    """Return the statistics of columns; Booleans and texts have none, nor have absent values."""
+    numbers = {
+        n: c.astype(float) for n, c in columns.items() if c.dtype.kind in "iuf" and np.ma.count(c)
+    }
     return {
         name: {
             "min": float(column.min()),
             "max": float(column.max()),
             "rms": float(np.sqrt(np.mean(column**2))),
-            "last": float(column[-1]),
+            "last": float(np.ma.filled(column, np.nan)[-1]),
         }
         for name, column in numbers.items()
     }
