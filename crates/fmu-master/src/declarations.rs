@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
-use fmu_description::{Causality, ModelDescription};
+use fmu_description::{Causality, ModelDescription, Type};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 
 /// The declarations of an FMU.
@@ -21,7 +21,11 @@ pub(crate) struct Declarations {
 /// What an FMU declares of a variable.
 #[derive(Clone)]
 pub(crate) struct DeclaredVariable {
+    pub(crate) of_type: Type,
     pub(crate) unit: Option<String>,
+    pub(crate) mime_type: Option<String>,
+    /// The names of the clocks at whose ticks it changes.
+    pub(crate) clocks: Vec<String>,
     pub(crate) dimensions: Vec<DeclaredLength>,
 }
 
@@ -43,6 +47,8 @@ impl Declarations {
         let parameters = parameters.filter(|v| v.causality == Causality::StructuralParameter);
         let parameters: HashMap<_, _> =
             parameters.map(|v| (v.reference.to_string(), v.name.clone())).collect();
+        let clocks = model.variables().filter(|(_, v)| v.of_type == Type::Clock);
+        let clocks: HashMap<u32, _> = clocks.map(|(_, v)| (v.reference, v.name.clone())).collect();
         let named = model.variables().flat_map(|(_, v)| {
             let lengths = v.element.children("Dimension").zip(&v.dimensions);
             let lengths = lengths.map(|(dimension, length)| DeclaredLength {
@@ -50,7 +56,13 @@ impl Declarations {
                 parameter: (dimension.attribute("valueReference"))
                     .and_then(|reference| parameters.get(reference.trim()).cloned()),
             });
-            let declared = DeclaredVariable { unit: v.unit.clone(), dimensions: lengths.collect() };
+            let declared = DeclaredVariable {
+                of_type: v.of_type,
+                unit: v.unit.clone(),
+                mime_type: v.mime_type.clone(),
+                clocks: v.clocks.iter().filter_map(|clock| clocks.get(clock).cloned()).collect(),
+                dimensions: lengths.collect(),
+            };
             v.names().map(|name| (name.to_owned(), declared.clone())).collect::<Vec<_>>()
         });
         Ok(Self {

@@ -211,6 +211,7 @@ fn parser(of_type: &str) -> Option<fn(&str) -> Option<Literal>> {
         whole if vocabulary::WHOLE_VALUES.contains(&whole) => {
             Some(|text| value::whole(text).map(Literal::Integer))
         }
+        vocabulary::BINARY_VALUE => Some(|text| value::bytes(text).map(Literal::Bytes)),
         text if TEXT_VALUES.contains(&text) => Some(|text| Some(Literal::Text(text.to_owned()))),
         _ => None,
     }

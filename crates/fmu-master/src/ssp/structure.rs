@@ -119,9 +119,7 @@ fn sides(component: &LoadedComponent) -> Sides<'_> {
         1 => v.causality == Causality::Output,
         _ => v.is_parameter() && set.contains(&v.name),
     };
-    // Clocks have no values.
-    let all = || component.fmu.variables.iter().filter(|v| v.of_type != Type::Clock);
-    [0, 1, 2].map(|side| all().filter(|v| is_on(side, v)).collect())
+    [0, 1, 2].map(|side| component.fmu.variables.iter().filter(|v| is_on(side, v)).collect())
 }
 
 /// Whether a connector or a start value of a component does not exist in SSP 1.0.
@@ -134,6 +132,7 @@ fn needs_ssp_2(component: &LoadedComponent, sides: &Sides<'_>) -> bool {
         };
         !is_known
             || !variable.dimensions.is_empty()
+            || !variable.clocks.is_empty()
             || variable.causality == Causality::StructuralParameter
     })
 }
@@ -172,6 +171,7 @@ fn connectors(
                 .with("kind", kind)
                 .holding(definitions.type_or_value(fmu, variable, &[]))
                 .holding_all(dimensions(variable))
+                .holding_all(clocks(fmu, variable))
                 .holding(geometry.with("x", x).with("y", y));
             connectors.push(connector);
         }
@@ -184,7 +184,9 @@ fn bindings(component: &LoadedComponent, definitions: &mut Definitions) -> Vec<E
     let fmu = &component.fmu;
     let starts = ComponentStarts::new(component.starts.iter());
     let mut arrays = HashSet::new();
-    let scalars = component.starts.iter().map(|(scalar, _)| fmu.array(*scalar));
+    let is_value = |scalar: &usize| fmu.variable(*scalar).of_type != Type::Clock;
+    let scalars = component.starts.iter().map(|(scalar, _)| *scalar).filter(is_value);
+    let scalars = scalars.map(|scalar| fmu.array(scalar));
     // An array has all its values, those of the FMU if the system sets some elements only.
     let parameters = scalars.filter(|array| arrays.insert(array.start)).map(|array| {
         let variable = fmu.variable(array.start);
@@ -204,6 +206,14 @@ fn bindings(component: &LoadedComponent, definitions: &mut Definitions) -> Vec<E
         .listing(vocabulary::PARAMETERS, parameters);
     let values = Element::new(vocabulary::VALUES).holding(set);
     vec![Element::new(vocabulary::BINDING).holding(values)]
+}
+
+/// The clocks at whose ticks a variable changes.
+fn clocks(fmu: &Fmu, variable: &Variable) -> Vec<Element<'static>> {
+    let is_one = |v: &&Variable| v.of_type == Type::Clock && variable.clocks.contains(&v.reference);
+    let named =
+        |clock: &Variable| Element::new(vocabulary::CLOCK_OF_CONNECTOR).with("name", &clock.name);
+    fmu.variables.iter().filter(is_one).map(named).collect()
 }
 
 /// The dimensions of an array; none of a scalar.
@@ -302,6 +312,10 @@ impl Definitions {
         let term = match variable.of_type {
             Type::Enumeration => Some(("name", self.enumeration(fmu, variable))),
             kind if kind.is_float() => self.unit(fmu, variable).map(|unit| ("unit", unit)),
+            Type::Binary => variable.mime_type.clone().map(|of_type| ("mime-type", of_type)),
+            Type::Clock => variable.clock.map(|clock| {
+                ("intervalVariability", clock.interval_variability.as_str().to_owned())
+            }),
             _ => None,
         };
         let mut element = Element::new(if values.is_empty() { of_type } else { of_value });
@@ -370,8 +384,8 @@ fn own_type(of_type: Type) -> [&'static str; 2] {
         Type::Boolean => ["ssc:Boolean", vocabulary::BOOLEAN_VALUE],
         Type::String => ["ssc:String", vocabulary::STRING_VALUE],
         Type::Enumeration => ["ssc:Enumeration", vocabulary::ENUMERATION_VALUE],
+        Type::Binary => [vocabulary::BINARY, vocabulary::BINARY_VALUE],
         // They have no start values here.
-        Type::Binary => ["ssc:Binary", "ssv:Binary"],
         Type::Clock => [vocabulary::CLOCK, vocabulary::CLOCK],
     }
 }

@@ -6,11 +6,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::xml::Element;
+use fmu_description::{MimeType, Type};
 use fmu_file::archive;
 
 use super::vocabulary::{self, COMPONENT, SYSTEM};
 use super::{arrays, document};
-use crate::declarations::{Declarations, DeclaredLength, Units};
+use crate::declarations::{Declarations, DeclaredLength, DeclaredVariable, Units};
 use crate::package::StructureFile;
 use crate::{Component, Connection, Conversion, InterfaceType, Literal};
 
@@ -59,6 +60,8 @@ struct Connector {
     /// Whether values leave its element here.
     is_output: bool,
     unit: Option<DefinedUnit>,
+    /// The stated MIME type of a Binary.
+    mime_type: Option<String>,
     /// The stated lengths of its dimensions.
     dimensions: Vec<Option<usize>>,
 }
@@ -220,13 +223,7 @@ impl<'a> FlatSystem<'a> {
             "output" | "calculatedParameter" | "constant" | "local" => true,
             kind => bail!("the kind {kind:?} of the connector {name} is not supported"),
         };
-        if element.child(vocabulary::CLOCK).is_some() {
-            bail!("the connector {} is a Clock, which is not supported", join(path, name));
-        }
-        if let Some(clock) = element.child(vocabulary::CLOCK_OF_CONNECTOR) {
-            let (name, clock) = (join(path, name), clock.attribute("name").unwrap_or_default());
-            bail!("the connector {name} belongs to the clock {clock}: clocks are not supported");
-        }
+        self.check_clocks(element, path, name)?;
         let dimensions = arrays::dimensions(element)
             .with_context(|| format!("the connector {}", join(path, name)))?;
         let real = vocabulary::REALS.iter().find_map(|real| element.child(real));
@@ -234,7 +231,31 @@ impl<'a> FlatSystem<'a> {
         let unit = self.stated_unit(unit, &self.units, &join(path, name));
         // A component that is a package repeats the connectors of its system.
         let port = ConnectorPath::new(path, name);
-        self.connectors.entry(port).or_insert(Connector { is_output, unit, dimensions });
+        let binary = element.child(vocabulary::BINARY);
+        let mime_type = binary.and_then(|b| b.attribute("mime-type")).map(str::to_owned);
+        let connector = Connector { is_output, unit, mime_type, dimensions };
+        self.connectors.entry(port).or_insert(connector);
+        Ok(())
+    }
+
+    /// Checks that a connector of a component is a clock, or belongs to clocks, as in its FMU, which decides.
+    fn check_clocks(&self, element: &Element<'_>, path: &str, name: &str) -> Result<()> {
+        let Some(variable) = self.variable(&ConnectorPath::new(path, name)) else { return Ok(()) };
+        let is_clock = element.child(vocabulary::CLOCK).is_some();
+        ensure!(
+            !is_clock || variable.of_type == Type::Clock,
+            "the connector {} is a Clock, but a {} in its FMU",
+            join(path, name),
+            variable.of_type.as_str()
+        );
+        let clocks = element.children(vocabulary::CLOCK_OF_CONNECTOR);
+        for clock in clocks.map(|clock| clock.attribute("name").unwrap_or_default()) {
+            ensure!(
+                variable.clocks.iter().any(|own| own == clock),
+                "the connector {} belongs to the clock {clock}, but not in its FMU",
+                join(path, name)
+            );
+        }
         Ok(())
     }
 
@@ -253,6 +274,13 @@ impl<'a> FlatSystem<'a> {
             }
         };
         let names = || (from.port.full(), to.port.full());
+        if let (Some(one), Some(other)) = (self.mime_type(&from.port), self.mime_type(&to.port)) {
+            let (a, b) = names();
+            ensure!(
+                MimeType::fits(one, other),
+                "{a} ({one}) and {b} ({other}) are connected, but their MIME types differ"
+            );
+        }
         let dimensions = arrays::common(&from.dimensions, &to.dimensions).with_context(|| {
             let ((a, b), [of_a, of_b]) =
                 (names(), [&from, &to].map(|end| arrays::shown(&end.dimensions)));
@@ -403,6 +431,19 @@ impl<'a> FlatSystem<'a> {
         self.models[(*self.elements.get(path)?)?].as_ref()
     }
 
+    /// The variable of a connector of a component, or the array of which it is an element.
+    fn variable(&self, port: &ConnectorPath) -> Option<&DeclaredVariable> {
+        let variables = &self.model(&port.element)?.variables;
+        let array = || variables.get(&arrays::array_name(&port.name)?);
+        variables.get(&port.name).or_else(array)
+    }
+
+    /// The MIME type of a connector: as stated, or by default of the variable.
+    fn mime_type(&self, port: &ConnectorPath) -> Option<&str> {
+        let stated = self.connector(port).and_then(|connector| connector.mime_type.as_deref());
+        stated.or_else(|| self.variable(port)?.mime_type.as_deref())
+    }
+
     /// The unit of this name for what `of` names; an empty one is none.
     pub fn stated_unit(&self, unit: Option<&str>, units: &Units, of: &str) -> Option<DefinedUnit> {
         let unit = unit?;
@@ -432,10 +473,7 @@ impl<'a> FlatSystem<'a> {
         if stated.as_ref().is_some_and(|unit| unit.definition.is_some()) {
             return stated;
         }
-        let variable = |name: &str| model.and_then(|model| model.variables.get(name));
-        let variable = variable(&port.name)
-            .or_else(|| arrays::array_name(&port.name).and_then(|array| variable(&array)));
-        let of_variable = variable.and_then(|variable| variable.unit.as_ref());
+        let of_variable = self.variable(port).and_then(|variable| variable.unit.as_ref());
         let of_variable = of_variable.map(|name| defined(name, &self.units.get(name).cloned()));
         if let (Some(DefinedUnit { name, .. }), Some(other)) = (&stated, &of_variable)
             && *name != other.name

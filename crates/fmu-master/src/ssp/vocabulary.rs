@@ -71,6 +71,7 @@ elements! {
     REAL = "ssc:Real";
     FLOAT64 = "ssc:Float64";
     FLOAT32 = "ssc:Float32";
+    BINARY = "ssc:Binary";
     CLOCK = "ssc:Clock";
     DIMENSION = "ssc:Dimension";
     LINEAR = "ssc:LinearTransformation";
@@ -94,6 +95,7 @@ elements! {
     BOOLEAN_VALUE = "ssv:Boolean";
     STRING_VALUE = "ssv:String";
     ENUMERATION_VALUE = "ssv:Enumeration";
+    BINARY_VALUE = "ssv:Binary";
     ELEMENT_VALUE = "ssv:Value";
     MAPPING = "ssm:ParameterMapping";
     MAPPING_ENTRY = "ssm:MappingEntry";

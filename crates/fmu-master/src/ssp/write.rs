@@ -106,6 +106,12 @@ fn warnings(description: &Description, plan: &Plan, identifiers: &[String]) -> V
                 "names the component {name:?} {identifier}: OMSimulator requires identifiers"
             ));
         }
+        for (variable, _) in component.starts().filter(|(v, _)| v.of_type == Type::Clock) {
+            warnings.push(format!(
+                "leaves out the start value of the clock {name}.{}, which SSP does not know",
+                variable.name
+            ));
+        }
         let starts = component.starts();
         for (variable, _) in starts.filter(|(v, _)| v.of_type == Type::Enumeration) {
             warnings.push(format!(
