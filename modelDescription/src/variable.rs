@@ -286,10 +286,12 @@ impl Variable {
         }
     }
 
-    /// Whether it is computed during initialization and listed as an initial unknown.
+    /// Whether it is computed during initialization and listed as an initial unknown. One with clocks need not be (FMI
+    /// 3.0.2, section 2.4.8), and FMPy demands that it is not.
     pub(crate) fn is_initial_unknown(&self) -> bool {
         let is_listed = self.is_output() || self.is_state() || self.is_derivative();
         self.initial == Some(Initial::Calculated)
+            && self.clocks.is_empty()
             && (is_listed || self.causality == Causality::CalculatedParameter)
     }
 }
