@@ -5,7 +5,7 @@
 //! instant, and the FMU tells when its clocks tick next (FMI 3.0.2, sections 2.2.9 and 2.3.5).
 
 use fmu_description::{ClockType, IntervalVariability};
-use fmu_host::{Instance, IntervalFraction, IntervalQualifier};
+use fmu_host::{Instance, IntervalQualifier};
 
 use crate::clocked_stage::{InputClock, Member};
 use crate::component_clocks::{ComponentClocks, Part, insert};
@@ -51,7 +51,8 @@ impl ComponentInstance<'_> {
         for clock in inputs {
             let of_type = &clock.of_type;
             ticks.push(match of_type.interval_variability {
-                Triggered => None,
+                Triggered if clock.given.is_empty() => None,
+                Triggered => Some(Ticks::Next(clock.given.first().copied())),
                 Changing | Countdown => {
                     let mut ticks = Ticks::Next(None);
                     if let Some(interval) = self.interval(clock)?.0 {
@@ -80,19 +81,28 @@ impl ComponentInstance<'_> {
     }
 
     /// The interval of a clock to its next tick, as the FMU says, and whether it is new. A countdown clock may have none.
-    fn interval(&mut self, clock: &InputClock) -> CallResult<(Option<Span>, bool)> {
+    pub(crate) fn interval(&mut self, clock: &InputClock) -> CallResult<(Option<Span>, bool)> {
         let (reference, what) = (clock.reference, &*clock.name);
         let (span, qualifier) = if clock.of_type.supports_fraction {
             let asked = |i: &mut Instance| i.interval_fraction(reference);
             let (fraction, qualifier) =
                 self.clock_call(Operation::IntervalFraction, what, asked)?;
-            let IntervalFraction { counter, resolution } = fraction;
-            (Span::Fraction { counter, resolution }, qualifier)
+            (fraction.into(), qualifier)
         } else {
             let asked = |i: &mut Instance| i.interval_decimal(reference);
             let (seconds, qualifier) = self.clock_call(Operation::Interval, what, asked)?;
             (Span::Decimal(seconds), qualifier)
         };
+        self.checked_interval(clock, span, qualifier)
+    }
+
+    /// The interval that the FMU says, as [`ComponentInstance::interval`].
+    pub(crate) fn checked_interval(
+        &mut self,
+        clock: &InputClock,
+        span: Span,
+        qualifier: IntervalQualifier,
+    ) -> CallResult<(Option<Span>, bool)> {
         let kind = clock.of_type.interval_variability;
         let may_be_unknown = kind == IntervalVariability::Countdown;
         let seconds = span.seconds();
@@ -175,7 +185,9 @@ impl ComponentInstance<'_> {
 
     /// Enters event mode, unless it is in it.
     pub(crate) fn enter_event_mode(&mut self) -> CallResult {
-        let Some(clocks) = self.clocks.as_deref_mut().filter(|clocks| !clocks.is_entered) else {
+        let is_outside =
+            |clocks: &&mut ComponentClocks| !clocks.is_entered && !clocks.is_scheduled();
+        let Some(clocks) = self.clocks.as_deref_mut().filter(is_outside) else {
             return Ok(());
         };
         clocks.is_entered = true;
@@ -274,7 +286,7 @@ impl ComponentInstance<'_> {
             let Some(ticks) = ticks else { continue };
             let has_ticked = clocks.active.contains(&clock.reference);
             if has_ticked {
-                ticks.tick();
+                clock.tick(ticks, time);
             }
             let kind = clock.of_type.interval_variability;
             let is_asked = match kind {
@@ -299,6 +311,11 @@ impl ComponentInstance<'_> {
     /// Steps to a time (s), at most; `step` is the communication step. An event there is left for the next instant.
     pub(crate) fn step_to(&mut self, target: f64, step: f64) -> CallResult {
         let Some(clocks) = self.clocks.as_deref_mut() else { return Ok(()) };
+        if clocks.is_scheduled() {
+            // It does nothing between activations.
+            clocks.time = target;
+            return Ok(());
+        }
         let (time, same) = (clocks.time, rounding(target, step));
         let size = target - time;
         // The size of an undivided step is that of the system.

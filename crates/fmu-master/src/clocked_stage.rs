@@ -12,8 +12,10 @@ use fmu_description::{Causality, ClockType, IntervalVariability, Value, Variabil
 use crate::algebraic_loop::strongly_connected;
 use crate::components::{LoadedComponent, ScalarId};
 use crate::connections::ResolvedConnection;
+use crate::input_table::InputTable;
 use crate::rate::Inputs;
 use crate::store::Place;
+use crate::ticks::Ticks;
 use crate::wiring::Wiring;
 use crate::{Description, Note, Order};
 
@@ -28,6 +30,8 @@ pub(crate) struct ClockedStage {
 /// A component with clocks.
 pub(crate) struct Member {
     pub(crate) component: usize,
+    /// Whether its model partitions are activated, in scheduled execution.
+    pub(crate) is_scheduled: bool,
     /// Its place in the order of evaluation; the members of a cycle have the same one.
     pub(crate) level: usize,
     pub(crate) inputs: Vec<InputClock>,
@@ -48,6 +52,21 @@ pub(crate) struct InputClock {
     pub(crate) of_type: ClockType,
     /// Of clocks that tick at the same time, the smallest comes first.
     pub(crate) priority: u32,
+    /// When the input table ticks it (s), if it is a triggered clock.
+    pub(crate) given: Vec<f64>,
+}
+
+impl InputClock {
+    /// Goes on to the tick after the one that is due until a time (s).
+    pub(crate) fn tick(&self, ticks: &mut Ticks, time: f64) {
+        match self.given.is_empty() {
+            true => ticks.tick(),
+            false => {
+                let next = self.given.partition_point(|given| *given <= time);
+                *ticks = Ticks::Next(self.given.get(next).copied());
+            }
+        }
+    }
 }
 
 /// A clock that the FMU ticks.
@@ -68,6 +87,7 @@ impl ClockedStage {
         components: &[LoadedComponent],
         connections: &[ResolvedConnection],
         triggers: &[ResolvedConnection],
+        table: Option<&InputTable>,
         wiring: &Wiring,
     ) -> Result<Option<Self>> {
         let clocked = (0..components.len()).filter(|index| components[*index].is_clocked());
@@ -94,10 +114,18 @@ impl ClockedStage {
         let mut members = Vec::new();
         for (member, &component) in clocked.iter().enumerate() {
             let loaded = &components[component];
-            let (inputs, outputs) = clocks(component, loaded, &targets, wiring)?;
+            let (inputs, outputs) = clocks(component, loaded, &targets, table, wiring)?;
+            let is_scheduled = loaded.fmu.is_scheduled();
+            ensure!(
+                !is_scheduled || !inputs.is_empty(),
+                "{} has no input clock, expected one for each model partition of scheduled execution",
+                loaded.name
+            );
             let is_event = |scalar: &usize| {
                 let variable = loaded.fmu.variable(*scalar);
-                variable.clocks.is_empty() && variable.variability != Variability::Continuous
+                !is_scheduled
+                    && variable.clocks.is_empty()
+                    && variable.variability != Variability::Continuous
             };
             let groups = &wiring.groups[component];
             let discrete = groups.iter().flat_map(|group| {
@@ -108,7 +136,9 @@ impl ClockedStage {
             let watched = discrete.iter().filter(|s| s.component.and_then(number).is_some());
             members.push(Member {
                 component,
-                level: last - parts[member],
+                is_scheduled,
+                // Priorities decide.
+                level: if is_scheduled { 0 } else { last - parts[member] },
                 inputs,
                 outputs,
                 has_discrete_inputs: !discrete.is_empty(),
@@ -128,6 +158,7 @@ fn clocks(
     component: usize,
     loaded: &LoadedComponent,
     targets: &HashMap<ScalarId, Vec<(usize, u32)>>,
+    table: Option<&InputTable>,
     wiring: &Wiring,
 ) -> Result<(Vec<InputClock>, Vec<OutputClock>)> {
     // The clocks at whose ticks something is got.
@@ -144,11 +175,14 @@ fn clocks(
                 let name = loaded.name_of(scalar);
                 check_timing(&name, &of_type)?;
                 let priority = of_type.priority.unwrap_or(u32::MAX);
-                inputs.push(InputClock { reference, name, of_type, priority });
+                let given = table.map(|table| table.ticks(ScalarId { component, scalar }));
+                let given = given.unwrap_or_default();
+                inputs.push(InputClock { reference, name, of_type, priority, given });
             }
             Causality::Output => {
                 let targets = targets.get(&ScalarId { component, scalar }).cloned();
-                if targets.is_some() || used.contains(&reference) {
+                // In scheduled execution, the FMU says only once that a clock ticks.
+                if loaded.fmu.is_scheduled() || targets.is_some() || used.contains(&reference) {
                     let targets = targets.unwrap_or_default();
                     outputs.push(OutputClock { reference, targets });
                 }

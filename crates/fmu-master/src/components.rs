@@ -82,7 +82,7 @@ impl LoadedComponent {
             }
         }
         let event_mode = event_mode(component, system, &fmu)?;
-        let is_clocked = event_mode && fmu.has_clocks;
+        let is_clocked = fmu.is_scheduled() || event_mode && fmu.has_clocks;
         Ok(Self {
             name: component.name.clone(),
             prefix: if system.is_single { String::new() } else { full_name("") },
@@ -106,12 +106,15 @@ impl LoadedComponent {
 
     /// Whether it has clocks.
     pub(crate) fn is_clocked(&self) -> bool {
-        self.event_mode && self.fmu.has_clocks
+        self.fmu.is_scheduled() || self.event_mode && self.fmu.has_clocks
     }
 
     /// Whether a step is one call, in each communication step.
     pub(crate) fn is_plain(&self) -> bool {
-        !self.integrates() && !self.event_mode && self.rate.is_of_system()
+        !self.integrates()
+            && !self.event_mode
+            && !self.fmu.is_scheduled()
+            && self.rate.is_of_system()
     }
 
     /// The name of a scalar in the system.
@@ -164,6 +167,9 @@ fn event_mode(component: &Component, system: &Description, fmu: &Fmu) -> Result<
         component.name,
         fmu.file_name()
     );
+    if fmu.is_scheduled() {
+        return Ok(false);
+    }
     let needs_it = fmu.clocks().find(|clock| fmu.variable(*clock).causality == Causality::Input);
     if let (Some(false), Some(clock)) = (wanted, needs_it) {
         bail!(

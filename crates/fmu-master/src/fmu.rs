@@ -143,6 +143,11 @@ impl Fmu {
         }
     }
 
+    /// Whether the master activates its model partitions.
+    pub(crate) fn is_scheduled(&self) -> bool {
+        self.interface_type == InterfaceType::ScheduledExecution
+    }
+
     /// Whether it runs as a WebAssembly component.
     pub(crate) fn is_component(&self) -> bool {
         matches!(&self.code, Code::Binary(binary) if binary.is_component())
@@ -243,7 +248,7 @@ impl Fmu {
     /// Why the master can neither record, connect nor set a scalar, if so.
     pub(crate) fn unusable(&self, scalar: usize) -> Option<&'static str> {
         let is_of_ticks = self.variable(scalar).is_of_ticks();
-        (is_of_ticks && !self.has_event_mode)
+        (is_of_ticks && !self.has_event_mode && !self.is_scheduled())
             .then_some("clocks tick only in co-simulation with event mode (hasEventMode)")
     }
 

@@ -23,6 +23,8 @@ pub(crate) struct InputTable {
     /// The columns of inputs, and of tunable parameters.
     pub(crate) inputs: Vec<InputColumn>,
     pub(crate) parameters: Vec<InputColumn>,
+    /// The columns of triggered clocks, which tick in the rows where they are true.
+    clocks: Vec<InputColumn>,
 }
 
 /// An input or a tunable parameter, and its values.
@@ -86,14 +88,19 @@ impl InputTable {
     /// The inputs of columns whose rows come later.
     ///
     /// # Errors
-    /// A column is not an input that is free.
+    /// A column is not an input that is free, or it is a clock.
     pub(crate) fn without_rows(
         columns: &[Series],
         components: &Components,
         connections: &[ResolvedConnection],
     ) -> Result<Self> {
         let columns = columns.iter().map(|series| Ok((components.settable(&series.name)?, series)));
-        Self::new(Vec::new(), columns, components, connections)
+        let table = Self::new(Vec::new(), columns, components, connections)?;
+        if let Some(clock) = table.clocks.first() {
+            let name = clock.to.name(components);
+            bail!("{name} is a clock, which can only tick at times that are known before the run");
+        }
+        Ok(table)
     }
 
     /// Checks inputs that a program gives.
@@ -167,13 +174,23 @@ impl InputTable {
         let columns = columns.collect::<Result<Vec<_>>>()?;
         let is_parameter =
             |column: &InputColumn| column.to.variable(components).causality != Causality::Input;
-        let (parameters, inputs) = columns.into_iter().partition(is_parameter);
-        Ok(Self { times, inputs, parameters })
+        let (clocks, others) =
+            columns.into_iter().partition(|c| c.to.variable(components).of_type == Type::Clock);
+        let (parameters, inputs) = Vec::into_iter(others).partition(is_parameter);
+        Ok(Self { times, inputs, parameters, clocks })
     }
 
     /// The inputs and parameters.
     pub(crate) fn scalars(&self) -> impl Iterator<Item = ScalarId> {
-        self.inputs.iter().chain(&self.parameters).map(|column| column.to)
+        let all = self.inputs.iter().chain(&self.parameters).chain(&self.clocks);
+        all.map(|column| column.to)
+    }
+
+    /// The times at which it ticks a clock (s).
+    pub(crate) fn ticks(&self, clock: ScalarId) -> Vec<f64> {
+        let column = self.clocks.iter().find(|column| column.to == clock);
+        let rows = column.iter().flat_map(|column| self.times.iter().zip(&column.values));
+        rows.filter(|(_, value)| **value == Value::Clock(true)).map(|(time, _)| *time).collect()
     }
 
     /// The tunable parameters of a component, by its index, with their values at a time (s).
@@ -285,6 +302,8 @@ pub(crate) fn values(series: &Series, input: &Variable, first: usize) -> Result<
         match cell {
             // Most programs write an empty string as an empty field.
             None if kind == Type::String => return Ok(Value::String(String::new())),
+            // As clocked results are written where nothing ticks.
+            None if kind == Type::Clock => return Ok(Value::Clock(false)),
             Some(value) if kind != Type::Enumeration => {
                 if let Some(value) = converted(value, kind) {
                     return Ok(value);
@@ -338,6 +357,7 @@ mod tests {
             times: times.to_vec(),
             inputs: Vec::new(),
             parameters: Vec::new(),
+            clocks: Vec::new(),
         };
         let jump = input(&[0.0, 0.1 + 0.2, 0.1 + 0.2, 0.5]);
         assert_eq!(rows(&jump, -1.0), (0, None));

@@ -39,6 +39,7 @@
 #![forbid(unsafe_code)]
 
 mod access_list;
+mod activations;
 mod adaptive_plan;
 mod algebraic_loop;
 mod batches;
@@ -90,6 +91,7 @@ mod recorded_instance;
 mod references;
 pub mod run;
 mod saved_run;
+mod scheduled_component;
 mod similar;
 mod simulation;
 mod solver;

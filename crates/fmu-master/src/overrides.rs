@@ -173,6 +173,8 @@ fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
     let known = [
         PossibleValue::new("co-simulation").help("The FMU computes each step"),
         PossibleValue::new("model-exchange").help("The equations of the FMU are integrated"),
+        PossibleValue::new("scheduled-execution")
+            .help("The model partitions of the FMU are activated"),
     ];
     PossibleValuesParser::new(known).map(|name| InterfaceType::named(&name).unwrap_or_default())
 }

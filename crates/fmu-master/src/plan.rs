@@ -183,8 +183,14 @@ impl Plan {
             );
         }
         let save = save.clone().zip(identity);
-        let clocked =
-            ClockedStage::new(description, &components, &connections, &triggers, &wiring)?;
+        let clocked = ClockedStage::new(
+            description,
+            &components,
+            &connections,
+            &triggers,
+            input.as_ref(),
+            &wiring,
+        )?;
         let schedule = Schedule::new(description, &components, &connections, clocked, &wiring)?;
         let batches = batches(description.order, &schedule.stages, &connections);
         let is_threaded = description.execution.threads.is_some_and(|threads| threads.get() > 1);

@@ -56,6 +56,7 @@ operations! {
     Shift: "get_shift_decimal",
     ShiftFraction: "get_shift_fraction",
     Evaluate: "evaluate_discrete_states",
+    Activate: "activate_model_partition",
 }
 
 /// The functions of a version that perform each [`Operation`].

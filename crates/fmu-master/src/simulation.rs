@@ -193,6 +193,9 @@ impl Simulation<'_> {
         for member in plan.schedule.clocked.iter().flat_map(|stage| &stage.members) {
             let begun = self.components[member.component].begin_clocks(&member.inputs, start);
             begun.map_err(|failure| failure.at(start))?;
+            if member.is_scheduled {
+                self.components[member.component].begin_activations(member);
+            }
         }
         let exited =
             self.components.iter_mut().try_for_each(ComponentInstance::exit_initialization);

@@ -1,5 +1,6 @@
 //! When time-based clocks tick (FMI 3.0.2, section 2.2.9.2).
 
+use fmu_host::IntervalFraction;
 use serde::{Deserialize, Serialize};
 
 /// A time (s), as a number or as a fraction, any multiple of which is rounded only once.
@@ -35,6 +36,12 @@ impl Span {
             }
             (first, Self::Decimal(seconds)) => first.seconds() + count as f64 * seconds,
         }
+    }
+}
+
+impl From<IntervalFraction> for Span {
+    fn from(IntervalFraction { counter, resolution }: IntervalFraction) -> Self {
+        Self::Fraction { counter, resolution }
     }
 }
 

@@ -135,7 +135,7 @@ impl Fmu {
             only_once,
             has_event_mode: interface_type == InterfaceType::CoSimulation
                 && interface.is_true("hasEventMode"),
-            has_clocks: interface_type == InterfaceType::CoSimulation
+            has_clocks: interface_type != InterfaceType::ModelExchange
                 && variables.iter().any(|v| {
                     let is_of_host = matches!(v.causality, Causality::Input | Causality::Output);
                     v.of_type == Type::Clock && is_of_host
@@ -205,31 +205,34 @@ fn interface<'a>(
         let element = match interface_type {
             InterfaceType::CoSimulation => model.co_simulation(),
             InterfaceType::ModelExchange => model.model_exchange(),
-            InterfaceType::ScheduledExecution => None,
+            InterfaceType::ScheduledExecution => model.scheduled_execution(),
         };
         Some((interface_type, element?))
     };
-    let all = [InterfaceType::CoSimulation, InterfaceType::ModelExchange];
+    let all = [
+        InterfaceType::CoSimulation,
+        InterfaceType::ModelExchange,
+        InterfaceType::ScheduledExecution,
+    ];
     let tried = match &wanted {
         Some(wanted) => std::slice::from_ref(wanted),
         None => &all,
     };
     let Some(found) = tried.iter().find_map(|interface| of(*interface)) else {
-        let other = match (all.into_iter().find(|i| of(*i).is_some()), model.scheduled_execution())
-        {
-            (Some(other), _) => format!(", only {}", other.as_str()),
-            (None, Some(_)) => {
-                ", only scheduled execution, whose model partitions a host must activate by clocks"
-                    .to_owned()
-            }
-            (None, None) => String::new(),
+        let other = match all.into_iter().find(|i| of(*i).is_some()) {
+            Some(other) => format!(", only {}", other.as_str()),
+            None => String::new(),
         };
         let wanted = wanted.unwrap_or_default().as_str();
         bail!("it does not support {wanted}{other}");
     };
     let is_input_clock =
         |v: &&XmlVariable<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
-    let is_clocked = found.0 == InterfaceType::CoSimulation && found.1.is_true("hasEventMode");
+    let is_clocked = match found.0 {
+        InterfaceType::CoSimulation => found.1.is_true("hasEventMode"),
+        InterfaceType::ModelExchange => false,
+        InterfaceType::ScheduledExecution => true,
+    };
     if let (Some((_, clock)), false) =
         (model.variables().find(|(_, v)| is_input_clock(v)), is_clocked)
     {

@@ -72,7 +72,7 @@ impl Simulation<'_> {
             }
             self.tick(stage, now, step).map_err(|failure| failure.at(now))?;
         }
-        for member in &stage.members {
+        for member in stage.members.iter().filter(|member| !member.is_scheduled) {
             self.components[member.component].read::<false>(&mut self.outputs)?;
             self.read_derivatives(member.component, end)?;
         }
@@ -158,7 +158,7 @@ impl Simulation<'_> {
             if time(&component.clocks) >= reached - same {
                 continue;
             }
-            if !member.has_discrete_inputs {
+            if !member.has_discrete_inputs && !member.is_scheduled {
                 component.recorded.calls.begin(None);
                 component.write::<false>(&self.outputs)?;
             }
@@ -186,7 +186,7 @@ impl Simulation<'_> {
         }
         for _ in 0..MAX_REPETITIONS {
             while let Some(number) = self.first_waiting(stage) {
-                self.evaluate(stage, number)?;
+                self.evaluate(stage, number, time, same)?;
             }
             for member in &stage.members {
                 let component = &mut self.components[member.component];
@@ -237,10 +237,19 @@ impl Simulation<'_> {
     }
 
     /// Evaluates a member, and ticks the triggered clocks of its output clocks that tick.
-    fn evaluate(&mut self, stage: &ClockedStage, number: usize) -> CallResult {
+    fn evaluate(
+        &mut self,
+        stage: &ClockedStage,
+        number: usize,
+        time: f64,
+        same: f64,
+    ) -> CallResult {
         let member = &stage.members[number];
         let component = &mut self.components[member.component];
-        component.evaluate(member, &mut self.outputs)?;
+        match member.is_scheduled {
+            true => component.activate_partition(member, &mut self.outputs, time)?,
+            false => component.evaluate(member, &mut self.outputs)?,
+        }
         if let Some(clocks) = &mut component.clocks {
             see(&mut clocks.seen, member, &self.outputs);
         }
@@ -250,11 +259,16 @@ impl Simulation<'_> {
                 continue;
             }
             for (target, reference) in &clock.targets {
-                let target = stage.members[*target].component;
-                if let Some(clocks) = &mut self.components[target].clocks {
-                    clocks.trigger(*reference);
+                let target = &stage.members[*target];
+                if let Some(clocks) = &mut self.components[target.component].clocks {
+                    clocks.trigger(&target.inputs, *reference);
                 }
             }
+        }
+        if let (true, Some(clocks)) =
+            (member.is_scheduled, &mut self.components[member.component].clocks)
+        {
+            clocks.end_activation(&member.inputs, time, same);
         }
         self.notice_inputs(stage);
         Ok(())

@@ -203,6 +203,7 @@ impl<'a> FlatSystem<'a> {
                 "any" => None,
                 "CoSimulation" => Some(InterfaceType::CoSimulation),
                 "ModelExchange" => Some(InterfaceType::ModelExchange),
+                "ScheduledExecution" => Some(InterfaceType::ScheduledExecution),
                 other => bail!("the implementation {other:?} is not supported"),
             };
             Ok((self.path(element.attribute("source").unwrap_or_default())?, interface))

@@ -72,6 +72,10 @@ impl Column {
             kind if kind.is_float() => Value::real(kind, text.trim().parse().ok()?),
             kind => Value::parse(kind, text).or_else(|| match kind {
                 Type::Boolean => boolean(text.trim()).map(Value::Boolean),
+                Type::Clock => match Value::parse(Type::Boolean, text.trim()) {
+                    Some(Value::Boolean(value)) => Some(Value::Clock(value)),
+                    _ => boolean(text.trim()).map(Value::Clock),
+                },
                 _ => None,
             }),
         });
@@ -99,7 +103,7 @@ pub fn excerpt(bytes: &[u8]) -> String {
 pub(crate) fn expected(kind: Type) -> String {
     let (min, max) = kind.range();
     match kind {
-        Type::Boolean => "true or false".to_owned(),
+        Type::Boolean | Type::Clock => "true or false".to_owned(),
         Type::String => "a string".to_owned(),
         Type::Binary => "hexadecimal digits".to_owned(),
         kind if kind.is_float() => "a number".to_owned(),

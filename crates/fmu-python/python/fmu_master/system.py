@@ -420,7 +420,8 @@ def simulate(
         How equations are integrated in model exchange: "explicit", which is the default, or
         "implicit" if they are stiff.
     interface
-        "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
+        "co-simulation", "model-exchange" or "scheduled-execution", by default the first of them
+        that the FMU supports.
     event_mode
         Handle the events of an FMU for FMI 3.0 in event mode, by default if it has clocks.
     save_state
