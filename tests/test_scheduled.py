@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fmu_master import FmuError, System, simulate
-from native import SOURCES, in_c, printed, refusal
+from native import SOURCES, in_c, printed, refusal, run
 
 Make = Callable[..., Path]
 
@@ -42,14 +42,14 @@ def test_partitions_are_activated_when_their_clocks_tick(partitions):
 
 
 def test_an_output_clock_ticks_with_every_fifth_tick(partitions):
-    result = simulate(partitions(), input=CALLS, outputs=["fifth"])
+    result = simulate(partitions(), input=CALLS, output=["fifth"])
     ticks = [time for time, fifth in zip(result["time"], result["fifth"], strict=True) if fifth]
     assert ticks == [2, 6, 9]
 
 
 def test_inputs_are_set_before_and_outputs_got_after_an_activation(partitions):
     """The column `addend` holds its value, as it is discrete."""
-    result = simulate(partitions(), input=CALLS, outputs=["sum", "calls"])
+    result = simulate(partitions(), input=CALLS, output=["sum", "calls"])
     assert result["sum"][result["calls"] == 4][0] == 1 + 2 + 8 + 16
 
 
@@ -73,14 +73,14 @@ def test_priorities_come_before_the_order_of_components(partitions):
     other = other.rename(other.with_name("Other.fmu"))
     components = {"a": {"fmu": partitions()}, "b": {"fmu": other}}
     connections = [("a.fifth", "b.call"), ("b.fifth", "a.call")]
-    system = System(components, connections, step=1, stop=4, outputs=["a.log", "b.log"])
+    system = System(components=components, connections=connections, step=1, stop=4, outputs=["a.log", "b.log"])
     assert [order(system.simulate()[f"{name}.log"][-1]) for name in "ab"] == ["1111123"] * 2
     # With a lower priority of a.second, all partitions of b come first, as far as a does not tick them.
     xml = {'priority="0"': 'priority="7"', 'priority="1"': 'priority="6"'}
     late = partitions(**xml)
     late = late.rename(late.with_name("Late.fmu"))
     components = {"a": {"fmu": late}, "b": {"fmu": other}}
-    system = System(components, connections, step=1, stop=4, outputs=["a.log", "b.log"])
+    system = System(components=components, connections=connections, step=1, stop=4, outputs=["a.log", "b.log"])
     result = system.simulate()
     assert order(result["a.log"][-1]) == "1111" "2" "1" "3"
     assert order(result["b.log"][-1]) == "1111" "1" "3" "2"
@@ -105,13 +105,13 @@ def test_an_interval_must_not_be_negative(partitions):
 
 def test_a_partition_is_activated_once_at_an_instant(partitions):
     components = {"a": {"fmu": partitions("EVERY=1")}}
-    system = System(components, [("a.fifth", "a.call")], step=1, stop=4)
+    system = System(components=components, connections=[("a.fifth", "a.call")], step=1, stop=4)
     with pytest.raises(FmuError, match=r"the clock a\.call ticks once more at t = 0\.0 s"):
         system.simulate()
 
 
 def test_a_clock_that_nothing_ticks_is_an_error(partitions):
-    system = System({"a": {"fmu": partitions()}}, step=1, stop=4)
+    system = System(components={"a": {"fmu": partitions()}}, step=1, stop=4)
     with pytest.raises(FmuError, match=r"nothing ticks a\.call"):
         system.simulate()
 
@@ -134,6 +134,12 @@ def test_a_binary_without_the_functions_is_refused(tmp_path):
 
 def test_rows_that_arrive_cannot_tick_clocks(partitions, tmp_path):
     partitions()
-    (tmp_path / "live.csv").write_text("time,call\n0,true\n", encoding="utf-8")
-    told = refusal(tmp_path, "simulate", "Partitions.fmu", "--real-time", "--input=live.csv")
-    assert "call is a clock" in told
+    live = ("simulate", "Partitions.fmu", "--real-time", "--input=-")
+    told = run(*live, cwd=tmp_path, input="time,call\n0,true\n")
+    assert told.returncode == 1
+    assert "call is a clock, which can only tick at times that are known" in told.stderr
+
+
+def test_the_table_ticks_triggered_clocks_only(partitions):
+    with pytest.raises(FmuError, match="delayed is a countdown clock, which ticks at its intervals"):
+        simulate(partitions(), input={"time": [0], "delayed": [True]})

@@ -146,7 +146,7 @@ impl ClockedStage {
                 recorded: wiring.recorded_clocks[component].clone(),
             });
         }
-        check_triggers(description, components, triggers)?;
+        check_triggers(description, components, triggers, table)?;
         let mut stepping = Vec::from_iter(0..members.len());
         stepping.sort_by_key(|member| !components[clocked[*member]].fmu.may_return_early);
         Ok(Some(Self { members, stepping }))
@@ -262,6 +262,7 @@ fn check_triggers(
     description: &Description,
     components: &[LoadedComponent],
     triggers: &[ResolvedConnection],
+    table: Option<&InputTable>,
 ) -> Result<()> {
     let sources: HashMap<ScalarId, ScalarId> = triggers.iter().map(|t| (t.to, t.from)).collect();
     let triggered = Vec::from_iter(triggered(components));
@@ -271,12 +272,12 @@ fn check_triggers(
         let is_meant = matches!(start, Some((_, Value::Clock(false))));
         ensure!(
             start.is_none() || is_meant,
-            "{} = true cannot be set: a triggered clock ticks with an output clock that is connected to it, or has the start value false to say that it never ticks",
+            "{} = true cannot be set: a triggered clock ticks with an output clock that is connected to it or by the input table, or has the start value false to say that it never ticks",
             id.name(components)
         );
         ensure!(
-            sources.contains_key(id) || is_meant || description.is_single,
-            "nothing ticks {}: it is a triggered clock, expected a connection from an output clock, or the start value false if it is never to tick",
+            sources.contains_key(id) || is_given(table, id) || is_meant || description.is_single,
+            "nothing ticks {}: it is a triggered clock, expected a connection from an output clock, a column of the input table, or the start value false if it is never to tick",
             id.name(components)
         );
     }
@@ -312,14 +313,20 @@ fn check_triggers(
 pub(crate) fn note(
     components: &[LoadedComponent],
     triggers: &[ResolvedConnection],
+    table: Option<&InputTable>,
 ) -> Option<Note> {
-    let is_ticked = |id: &ScalarId| triggers.iter().any(|trigger| trigger.to == *id);
+    let is_ticked = |id: &ScalarId| triggers.iter().any(|t| t.to == *id) || is_given(table, id);
     let is_meant = |id: &ScalarId| {
         components[id.component].starts.iter().any(|(scalar, _)| *scalar == id.scalar)
     };
     let idle = triggered(components).filter(|id| !is_ticked(id) && !is_meant(id));
     let names = Vec::from_iter(idle.map(|id| id.name(components)));
     (!names.is_empty()).then_some(Note::NeverTick(names))
+}
+
+/// Whether the input table ticks a clock.
+fn is_given(table: Option<&InputTable>, clock: &ScalarId) -> bool {
+    table.is_some_and(|table| table.scalars().any(|id| id == *clock))
 }
 
 /// The triggered clocks of the components that run with clocks.

@@ -155,6 +155,12 @@ impl InputTable {
             let (to, series) = column?;
             let name = &series.name;
             let variable = to.variable(components);
+            if let Some(kind) = variable.clock.map(|clock| clock.interval_variability)
+                && kind.is_time_based()
+            {
+                let kind = kind.as_str();
+                bail!("{name} is a {kind} clock, which ticks at its intervals, expected a triggered one");
+            }
             if let Some(reason) = to.fmu(components).unusable(to.scalar) {
                 bail!("{name} cannot be set: {reason}");
             }

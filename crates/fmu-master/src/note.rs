@@ -101,7 +101,7 @@ impl Note {
             }
             Self::NeverTick(clocks) => {
                 format!(
-                    "nothing ticks {}, as no output clock is connected to it",
+                    "nothing ticks {}: expected a connection from an output clock, or a column of the input table",
                     clocks.join(", ")
                 )
             }
