@@ -50,7 +50,7 @@ pub struct IntervalFraction {
 const UNWRITTEN: fmi3IntervalQualifier = -1;
 
 fn interval_decimal(handle: &mut Handle, clock: u32) -> Result<(f64, IntervalQualifier)> {
-    let (mut interval, mut qualifier) = ([f64::NAN], [UNWRITTEN]);
+    let (mut interval, mut qualifier) = ([0.0], [UNWRITTEN]);
     Fmi3(handle).get_interval_decimal(&[clock], &mut interval, &mut qualifier)?;
     let qualifier = IntervalQualifier::returned_by("fmi3GetIntervalDecimal", qualifier[0])?;
     Ok((interval[0], qualifier))
@@ -115,7 +115,7 @@ impl Instance {
 }
 
 /// An instance whose FMU updates its clocks: the functions that the standard allows meanwhile (FMI 3.0.2, section 5.2).
-pub struct ClockUpdateMode(Handle);
+pub struct ClockUpdateMode(pub(crate) Handle);
 
 impl ClockUpdateMode {
     /// `fmi3GetClock` of output clocks. An activation is returned once.

@@ -9,7 +9,8 @@ use fmi_abi::fmi2::*;
 use fmi_abi::fmi3::*;
 use fmi_abi::{fmi2_functions, fmi3_functions};
 
-use crate::functions::{Fmi2, Fmi3};
+use crate::clocks::ClockUpdateMode;
+use crate::functions::{Fmi2, Fmi3, Handle};
 use crate::instance::Instance;
 use crate::observed::Element;
 use crate::outcome::Result;
@@ -271,7 +272,7 @@ macro_rules! repeat_one {
     ($version:ident $handle:ident $call:ident $states:ident $operation:ident;
         [$($arg:ident: $kind:tt,)*] []) => {{
         $(#[allow(unused_mut, reason = "not all are written")] let mut $arg = given!($call $states $arg $kind);)*
-        let result = $version(&mut $handle.handle).$operation($(passed!($arg $kind)),*);
+        let result = $version(&mut *$handle).$operation($(passed!($arg $kind)),*);
         $(kept!($call $states $arg $kind);)*
         result
     }};
@@ -285,13 +286,13 @@ macro_rules! repeat {
     ) => {
         #[allow(unused_variables, reason = "not all functions have arguments")]
         fn $repeat(
-            instance: &mut Instance,
+            handle: &mut Handle,
             call: &RepeatedCall,
             states: &mut RepeatedStates,
         ) -> Option<Result> {
             Some(match call.function.as_str() {
                 $($(stringify!($name) => {
-                    repeat_one!($version instance call states $operation; [] [$($arg: $kind,)*])
+                    repeat_one!($version handle call states $operation; [] [$($arg: $kind,)*])
                 })*)*
                 _ => return None,
             })
@@ -306,6 +307,14 @@ impl Instance {
     /// Repeats a call of a function of instances; `None` if it is none.
     pub fn repeat(&mut self, call: &RepeatedCall, states: &mut RepeatedStates) -> Option<Result> {
         self.is_saved |= call.function.contains("GetFMU");
-        repeat_2(self, call, states).or_else(|| repeat_3(self, call, states))
+        let handle = &mut self.handle;
+        repeat_2(handle, call, states).or_else(|| repeat_3(handle, call, states))
+    }
+}
+
+impl ClockUpdateMode {
+    /// Repeats a call of a function that was made while the FMU updated its clocks; `None` if it is none of instances.
+    pub fn repeat(&mut self, call: &RepeatedCall) -> Option<Result> {
+        repeat_3(&mut self.0, call, &mut RepeatedStates::default())
     }
 }

@@ -1,8 +1,7 @@
 //! The observers of the calls of a run. They run in the worker process.
 
 use std::ffi::c_int;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -23,7 +22,7 @@ impl Observers {
     /// The observer of the calls of a component, if they are observed.
     pub(crate) fn of_component(&self, index: usize) -> Option<Arc<dyn CallObserver>> {
         let is_observed = self.recorder.is_some() || self.profiler.is_some();
-        let observer = || ComponentObserver { all: self.clone(), index, call: AtomicU64::new(0) };
+        let observer = || ComponentObserver { all: self.clone(), index, open: Mutex::default() };
         is_observed.then(|| Arc::new(observer()) as Arc<dyn CallObserver>)
     }
 
@@ -43,26 +42,31 @@ impl Observers {
 struct ComponentObserver {
     all: Observers,
     index: usize,
-    /// The number of the call in progress.
-    call: AtomicU64,
+    /// The numbers of the calls in progress, each of which is made within the one before.
+    open: Mutex<Vec<u64>>,
 }
 
 impl ComponentObserver {
     fn name(&self) -> &str {
         &self.all.components[self.index]
     }
+
+    fn open(&self) -> MutexGuard<'_, Vec<u64>> {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl CallObserver for ComponentObserver {
     fn begin(&self, call: &ObservedCall<'_>) {
         if let Some(recorder) = &self.all.recorder {
-            self.call.store(recorder.begin(self.name(), call), Relaxed);
+            self.open().push(recorder.begin(self.name(), call));
         }
     }
 
     fn end(&self, call: &ObservedCall<'_>, status: Option<c_int>, duration: Duration) {
         if let Some(recorder) = &self.all.recorder {
-            recorder.end((self.name(), self.call.load(Relaxed)), call, status, duration);
+            let number = self.open().pop().unwrap_or_default();
+            recorder.end((self.name(), number), call, status, duration);
         }
         if let Some(profiler) = &self.all.profiler {
             profiler.add(self.index, call.function, status, duration);

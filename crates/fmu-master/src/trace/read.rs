@@ -89,6 +89,8 @@ pub struct TracedCall {
     pub nanoseconds: u64,
     /// How the process ended in the call, if it did.
     pub ended: Option<String>,
+    /// The number of the call of the component in which it was made, as the FMU called back.
+    pub within: Option<u64>,
 }
 
 impl TracedComponent {
@@ -265,7 +267,10 @@ impl Trace {
             let component = self.components.iter().position(|component| component.name == name);
             let component = component.with_context(|| format!("no component {name:?}"))?;
             let function = line.get("function").and_then(Value::as_str).context("no function")?;
+            let of_component = self.waiting.iter().filter(|call| call.component == component);
+            let open = of_component.filter(|call| call.status.is_none()).next_back();
             let mut call = TracedCall {
+                within: open.map(|call| call.number),
                 number,
                 component,
                 time: None,
@@ -291,6 +296,11 @@ impl Trace {
             }
         }
         Ok(())
+    }
+
+    /// The calls that were made in the call of this number, which was read last.
+    pub(super) fn within(&self, number: u64) -> impl Iterator<Item = &TracedCall> {
+        self.waiting.iter().filter(move |call| call.within == Some(number))
     }
 
     /// The next call, in the order in which they began; `None` at the end.

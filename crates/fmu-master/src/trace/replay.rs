@@ -1,7 +1,7 @@
 //! Repeats the calls of a trace with an FMU, and finds what differs. [`serve`] runs in the worker process, [`supervise`] in
 //! the supervisor.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::ffi::c_int;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,7 +10,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use fmu_host::{
     CallObserver, Direction, Element, Instance, Instantiation, Library, LogMessage, ObservedCall,
-    RepeatedStates,
+    RepeatedCall, RepeatedStates,
 };
 use fmu_worker::{Event, Function, Service, Worker};
 use serde::{Deserialize, Serialize};
@@ -149,6 +149,13 @@ impl CallObserver for Observer {
     }
 }
 
+/// The calls that are made when the FMU calls back in the call in progress, and what it returned in them.
+#[derive(Default)]
+struct InnerCalls {
+    waiting: VecDeque<RepeatedCall>,
+    observed: VecDeque<Observed>,
+}
+
 /// An FMU that takes the place of a component.
 struct Replica {
     fmu: Arc<Fmu>,
@@ -157,6 +164,7 @@ struct Replica {
     /// Dropped before the library.
     instance: Option<Instance>,
     states: RepeatedStates,
+    inner: Arc<Mutex<InnerCalls>>,
 }
 
 impl ReplaySource {
@@ -213,7 +221,8 @@ fn replay(service: &mut Service, source: &ReplaySource) -> Result<Replayed> {
         );
         let (fmu, observer) = (Arc::new(fmu), Arc::default());
         let states = RepeatedStates::default();
-        replicas.insert(index, Replica { fmu, library: None, observer, instance: None, states });
+        let (library, instance, inner) = (None, None, Arc::default());
+        replicas.insert(index, Replica { fmu, library, observer, instance, states, inner });
     }
     let mut replayed = Replayed::default();
     while let Some(traced) = trace.next_call()? {
@@ -233,6 +242,7 @@ fn replay(service: &mut Service, source: &ReplaySource) -> Result<Replayed> {
             let how = traced.ended.as_deref().unwrap_or("has ended");
             service.reply(&Report::Open(how.to_owned()));
         }
+        replica.prepare(trace.within(traced.number), component);
         let text = match replica.repeat(&traced, component)? {
             Repeated::Skipped => continue,
             Repeated::Missing(text) => Some(text),
@@ -286,24 +296,18 @@ impl Replica {
             let is_instance = self.instance.take().is_some();
             return Ok(if is_instance { Repeated::Called } else { Repeated::Skipped });
         }
-        let Some(instance) = &mut self.instance else { return Ok(Repeated::Skipped) };
-        let mut call = traced.call.clone();
-        for (name, references) in &mut call.given {
-            if !matches!(name.as_str(), "references" | "unknowns" | "knowns") {
-                continue;
-            }
-            for reference in references {
-                let Element::Integer(number) = reference else { continue };
-                let Some(variable) = component.variable(function, *number as u32) else { continue };
-                match self.fmu.reference(&variable.name, access(function)) {
-                    Some(new) => *number = new.into(),
-                    None => {
-                        let (fmu, name) = (self.fmu.file_name(), &variable.name);
-                        return Ok(Repeated::Missing(format!("{fmu} has no such variable {name}")));
-                    }
-                }
-            }
+        if traced.within.is_some() {
+            let observed = self.inner().observed.pop_front();
+            let not_made = "it was not called, as the FMU has not updated its clocks".to_owned();
+            let Some(observed) = observed else { return Ok(Repeated::Missing(not_made)) };
+            *self.observer.observed() = observed;
+            return Ok(Repeated::Called);
         }
+        let call = match self.resolved(traced, component) {
+            Ok(call) => call,
+            Err(missing) => return Ok(Repeated::Missing(missing)),
+        };
+        let Some(instance) = &mut self.instance else { return Ok(Repeated::Skipped) };
         // What the function returned is known to the observer.
         let called = instance.repeat(&call, &mut self.states);
         match called {
@@ -313,6 +317,46 @@ impl Replica {
             }
             Some(_) => Ok(Repeated::Called),
         }
+    }
+
+    fn inner(&self) -> MutexGuard<'_, InnerCalls> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Prepares the calls that are made within the next one.
+    fn prepare<'a>(
+        &self,
+        calls: impl Iterator<Item = &'a TracedCall>,
+        component: &TracedComponent,
+    ) {
+        let resolved = calls.filter_map(|call| self.resolved(call, component).ok());
+        let resolved = VecDeque::from_iter(resolved);
+        if !resolved.is_empty() {
+            *self.inner() = InnerCalls { waiting: resolved, observed: VecDeque::new() };
+        }
+    }
+
+    /// A call with the value references of this FMU, or what it lacks.
+    fn resolved(
+        &self,
+        traced: &TracedCall,
+        component: &TracedComponent,
+    ) -> std::result::Result<RepeatedCall, String> {
+        let (mut call, function) = (traced.call.clone(), traced.call.function.as_str());
+        for (name, references) in &mut call.given {
+            if !matches!(name.as_str(), "references" | "unknowns" | "knowns" | "clock") {
+                continue;
+            }
+            for reference in references {
+                let Element::Integer(number) = reference else { continue };
+                let Some(variable) = component.variable(function, *number as u32) else { continue };
+                let new = self.fmu.reference(&variable.name, access(function));
+                let missing =
+                    || format!("{} has no such variable {}", self.fmu.file_name(), variable.name);
+                *number = new.ok_or_else(missing)?.into();
+            }
+        }
+        Ok(call)
     }
 
     fn instantiate(&mut self, traced: &TracedCall) -> Result<Option<Instance>> {
@@ -351,7 +395,19 @@ impl Replica {
             ..Instantiation::default()
         };
         let observer = self.observer.clone();
-        Ok(library.instantiate(&arguments, move |message| observer.log(&message))?)
+        let mut instance =
+            library.instantiate(&arguments, move |message| observer.log(&message))?;
+        let (observer, inner) = (self.observer.clone(), self.inner.clone());
+        if let Some(instance) = &mut instance {
+            instance.on_clock_update(move |mode| {
+                let mut inner = inner.lock().unwrap_or_else(PoisonError::into_inner);
+                while let Some(call) = inner.waiting.pop_front() {
+                    mode.repeat(&call);
+                    inner.observed.push_back(std::mem::take(&mut *observer.observed()));
+                }
+            });
+        }
+        Ok(instance)
     }
 
     /// What the FMU did other than in the trace.
