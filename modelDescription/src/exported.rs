@@ -62,9 +62,9 @@ pub struct ExportedModel {
     /// The definitions of units that FMUs define, in base units: exponents, factor and offset; none if it is unknown.
     #[serde(skip)]
     pub units: BTreeMap<String, Vec<(String, f64)>>,
-    /// The only interface type to export, if not all that the model has.
+    /// The interface types to export; if there are none, all that the model has.
     #[serde(skip)]
-    pub interface_type: Option<InterfaceType>,
+    pub interface_types: Vec<InterfaceType>,
 }
 
 /// What a copy in a binary has before its model, if that has clocks or what else the format of other copies lacks.
@@ -221,9 +221,18 @@ impl ExportedModel {
         self.is_clocked && self.may_be_for(InterfaceType::ScheduledExecution)
     }
 
+    /// Whether it is exported for an interface type.
+    pub fn is_for(&self, interface_type: InterfaceType) -> bool {
+        match interface_type {
+            InterfaceType::CoSimulation => self.is_for_co_simulation(),
+            InterfaceType::ModelExchange => self.is_for_model_exchange(),
+            InterfaceType::ScheduledExecution => self.is_for_scheduled_execution(),
+        }
+    }
+
     /// Whether an interface type is exported if the model has it.
     fn may_be_for(&self, interface_type: InterfaceType) -> bool {
-        self.interface_type.is_none_or(|only| only == interface_type)
+        self.interface_types.is_empty() || self.interface_types.contains(&interface_type)
     }
 
     /// Whether the derivatives of all that a host integrates are known: of the state derivatives and

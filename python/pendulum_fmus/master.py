@@ -64,6 +64,7 @@ class Component(AbstractContextManager):
         at t. False for a plant or a source: they are the values at t+h.
     """
 
+    interface = "CoSimulation"  # the type of instances, as FMPy names it
     reason = ""  # the newest log message of a failure, of any FMU
     callbacks = None  # of the newest FMU of FMI 2.0, to which FMPy passes the messages of all
 
@@ -83,7 +84,7 @@ class Component(AbstractContextManager):
                 self.description = fmpy.read_model_description(self.path)
                 fmpy.extract(self.path, folder)
                 self.fmu = fmpy.instantiate_fmu(
-                    folder, self.description, "CoSimulation", debug_logging=True, logger=_log
+                    folder, self.description, self.interface, debug_logging=True, logger=_log
                 )
             stack.callback(self.fmu.freeInstance)
             Component.callbacks = self.fmu.callbacks or Component.callbacks

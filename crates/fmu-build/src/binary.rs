@@ -80,13 +80,10 @@ impl<'a> PlatformBinary<'a> {
             self.models.iter().any(|known| known.guid == *guid),
             "it does not contain the model {name} with the GUID {guid}; was it built from another version?"
         );
-        for (interface_type, is_needed) in [
-            (InterfaceType::CoSimulation, model.is_for_co_simulation()),
-            (InterfaceType::ModelExchange, model.is_for_model_exchange()),
-            (InterfaceType::ScheduledExecution, model.is_for_scheduled_execution()),
-        ] {
+        for interface_type in InterfaceType::ALL {
             ensure!(
-                !is_needed || has_functions(&self.bytes, version, interface_type),
+                !model.is_for(interface_type)
+                    || has_functions(&self.bytes, version, interface_type),
                 "it does not export the functions of FMI {} for {}; was it exported with another --interface?",
                 version.as_str(),
                 interface_type.as_str()

@@ -50,10 +50,13 @@ pub fn encode(mut module: Vec<u8>, models: &[ExportedModel], draft: WasmDraft) -
     let package = resolve.push_str("component.wit", &interface)?;
     let is_for_model_exchange = models.iter().any(ExportedModel::is_for_model_exchange);
     let is_for_co_simulation = models.iter().any(ExportedModel::is_for_co_simulation);
-    let world = match (is_for_co_simulation, is_for_model_exchange) {
-        (true, true) => "fmu",
-        (false, true) => "model-exchange-fmu",
-        (_, false) => "co-simulation-fmu",
+    let is_scheduled = models.iter().any(ExportedModel::is_for_scheduled_execution);
+    let world = match (is_for_co_simulation, is_for_model_exchange, is_scheduled) {
+        (false, false, true) => "scheduled-execution-fmu",
+        (_, _, true) => "complete-fmu",
+        (true, true, _) => "fmu",
+        (false, true, _) => "model-exchange-fmu",
+        (_, false, _) => "co-simulation-fmu",
     };
     let world = resolve.select_world(package, Some(world))?;
     let names = names(&resolve, world);

@@ -44,8 +44,8 @@ pub struct ExportOptions {
     /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
     #[arg(long = "fmi", value_name = "VERSION", value_delimiter = ',', default_value = "2.0", value_parser = version())]
     pub versions: Vec<FmiVersion>,
-    /// Interface type, co-simulation or model-exchange; may be repeated. The FMU has nothing of the other type
-    /// [default: as the package says, or all that the model has]
+    /// Interface type, co-simulation, model-exchange, or scheduled-execution with --fmi 3.0; may be repeated. The FMU has
+    /// nothing of the other types [default: as the package says, or all that the model has]
     #[arg(long = "interface", value_name = "TYPE", value_delimiter = ',', value_parser = interface_type(), hide_possible_values = true)]
     pub interface_types: Vec<InterfaceType>,
     /// Names of variables: structured as pid.kp, or flat as pid_kp for tools such as Simulink
@@ -111,7 +111,7 @@ pub fn version() -> impl TypedValueParser<Value = FmiVersion> {
 }
 
 fn interface_type() -> impl TypedValueParser<Value = InterfaceType> {
-    let names = PossibleValuesParser::new(["co-simulation", "model-exchange"]);
+    let names = PossibleValuesParser::new(InterfaceType::ALL.map(InterfaceType::option_name));
     names.map(|name| InterfaceType::named(&name).unwrap_or_default())
 }
 
@@ -242,8 +242,8 @@ struct What<'a> {
     variant: Option<&'a str>,
     /// The only model, by its name in the library; all models if there is none.
     model: Option<&'a str>,
-    /// The only interface type, if the library as a whole has both.
-    interface_type: Option<InterfaceType>,
+    /// The interface types that are asked for, if not those of the library.
+    interface_types: Vec<InterfaceType>,
     /// What its instance has for the model to allocate (bytes).
     heap: Option<u64>,
     /// Arguments for the compiler of this library.
@@ -353,12 +353,21 @@ impl<'a> Builder<'a> {
         Ok(built)
     }
 
-    /// The only interface type that the FMUs of a library are for, if one is chosen.
-    fn interface_type(&self, library: &ModelLibrary) -> Option<InterfaceType> {
-        match self.options.interface_types.as_slice() {
-            [] => library.interface_type,
-            [first, others @ ..] => Some(*first).filter(|_| others.iter().all(|o| o == first)),
-        }
+    /// The interface types that the FMUs of a library are for; none if they are for all.
+    ///
+    /// # Errors
+    /// The version of FMI does not have the only one.
+    fn interface_types(&self, library: &ModelLibrary) -> Result<Vec<InterfaceType>> {
+        let types = match self.options.interface_types.as_slice() {
+            [] => Vec::from_iter(library.interface_type),
+            chosen => chosen.to_vec(),
+        };
+        ensure!(
+            self.version == FmiVersion::Fmi3 || !types.contains(&InterfaceType::ScheduledExecution),
+            "FMI 2.0 has no scheduled execution, for which the package {} is to be exported; expected --fmi 3.0",
+            library.package
+        );
+        Ok(types)
     }
 
     /// Builds the binaries of a library for all targets; `variant` is the text of a [`Variant`].
@@ -368,20 +377,22 @@ impl<'a> Builder<'a> {
         variant: Option<&str>,
     ) -> Result<Vec<PlatformBinary<'a>>> {
         let unusable = || format!("the library of {} cannot be used", library.package);
+        let interface_types = self.interface_types(library)?;
         self.targets
             .iter()
             .map(|target| {
-                let recipes = target.recipes.iter();
-                let extension = target.platforms[0].extension;
+                let read = |bytes: &[u8]| read_models(bytes, &interface_types).with_context(unusable);
                 let what = What { variant, ..What::default() };
-                let parts = recipes.map(|recipe| self.build_part(library, recipe, extension, &what));
-                let mut parts = parts.collect::<Result<Vec<_>>>()?;
-                let bytes = match parts.len() {
-                    1 => parts.remove(0),
-                    _ => join_mach_o(&parts).context("cannot join the parts of a universal binary")?,
-                };
-                let models = read_models(&bytes, self.interface_type(library));
-                let models = models.with_context(unusable)?;
+                let mut bytes = self.build_binary(library, target, &what)?;
+                let mut models = read(&bytes)?;
+                // Only components with scheduled execution have its functions.
+                let is_scheduled = models.iter().any(ExportedModel::is_for_scheduled_execution);
+                let is_asked_for = interface_types.contains(&InterfaceType::ScheduledExecution);
+                if target.platforms[0].is_wasm() && is_scheduled && !is_asked_for {
+                    let what = What { interface_types: InterfaceType::ALL.to_vec(), ..what };
+                    bytes = self.build_binary(library, target, &what)?;
+                    models = read(&bytes)?;
+                }
                 let bytes = match target.platforms[0].is_wasm() {
                     true => encode_component(bytes, &models, self.options.wasm_draft)
                         .with_context(unusable)?,
@@ -402,6 +413,23 @@ impl<'a> Builder<'a> {
                 })
             })
             .collect()
+    }
+
+    /// Builds the binary of a library for a target.
+    fn build_binary(
+        &self,
+        library: &ModelLibrary,
+        target: &BuildTarget,
+        what: &What<'_>,
+    ) -> Result<Vec<u8>> {
+        let extension = target.platforms[0].extension;
+        let recipes = target.recipes.iter();
+        let parts = recipes.map(|recipe| self.build_part(library, recipe, extension, what));
+        let mut parts = parts.collect::<Result<Vec<_>>>()?;
+        match parts.len() {
+            1 => Ok(parts.remove(0)),
+            _ => join_mach_o(&parts).context("cannot join the parts of a universal binary"),
+        }
     }
 
     /// Builds a library with one recipe, and reads it.
@@ -426,14 +454,22 @@ impl<'a> Builder<'a> {
             .args(["--lib", "--crate-type", "cdylib"])
             .args(["--package", &library.package])
             .args(self.options.selection.cargo_arguments());
+        let interface_types = match what.interface_types.is_empty() {
+            true => self.interface_types(library)?,
+            false => what.interface_types.clone(),
+        };
+        let features = interface_types
+            .into_iter()
+            .filter(|of_type| {
+                // The samples become model partitions only in such a library.
+                !self.options.is_for_trial || *of_type == InterfaceType::ScheduledExecution
+            })
+            .flat_map(|of_type| ["--features".to_owned(), library.feature_of_interface(of_type)]);
+        build.args(features);
         if !self.options.is_for_trial {
-            let interface_type = what.interface_type.or(self.interface_type(library));
             let settings = &self.profile[recipe.product() as usize];
             build
                 .args(["--features", &library.features(self.version, recipe.product())])
-                .args(interface_type.into_iter().flat_map(|interface_type| {
-                    ["--features".to_owned(), library.feature_of_interface(interface_type)]
-                }))
                 .args(settings.iter().flat_map(|setting| ["--config", setting]))
                 .without_local_paths(self.metadata, recipe.sources().as_deref());
         }
@@ -481,11 +517,17 @@ impl<'a> Builder<'a> {
         recipe: &Recipe,
         variant: Option<&str>,
     ) -> Result<Sources> {
-        let interface_type = model.description.interface_type;
         let library = model.library;
+        // Only sources with scheduled execution have its function.
+        let all = InterfaceType::ALL;
+        let interface_types = match model.description.is_for_scheduled_execution() {
+            true => all.into_iter().filter(|of| model.description.is_for(*of)).collect(),
+            false => Vec::new(),
+        };
         let build = |compiler_args: &[String], heap| {
             let (model, heap) = (Some(&*model.base), Some(heap));
-            let what = What { variant, model, interface_type, heap, compiler_args };
+            let interface_types = interface_types.clone();
+            let what = What { variant, model, interface_types, heap, compiler_args };
             self.build_part(library, recipe, "wasm", &what)
         };
         let heap = u64::from(self.options.heap.unwrap_or_default());
@@ -596,13 +638,11 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// Reads the interfaces of models in a library that was built for one interface type, or for all.
-fn read_models(
-    library: &[u8],
-    interface_type: Option<InterfaceType>,
-) -> Result<Vec<ExportedModel>> {
+/// Reads the interfaces of models in a library that was built for some interface types, or for all.
+fn read_models(library: &[u8], types: &[InterfaceType]) -> Result<Vec<ExportedModel>> {
     let models = read_interfaces(library)?.into_iter();
-    Ok(models.map(|model| ExportedModel { interface_type, ..model }).collect())
+    let models = models.map(|model| ExportedModel { interface_types: types.to_vec(), ..model });
+    Ok(models.collect())
 }
 
 #[cfg(feature = "wasm")]

@@ -4,7 +4,8 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use fmu_description::xml::Element;
 use fmu_description::{
-    Causality, ExportedModel, FmiVersion, ModelDescription, Value, Variable, interface, words,
+    Causality, ExportedModel, FmiVersion, InterfaceType, ModelDescription, Value, Variable,
+    interface, words,
 };
 
 use crate::library::ModelLibrary;
@@ -39,7 +40,7 @@ impl<'a> BuiltModel<'a> {
         version: FmiVersion,
     ) -> Result<Self> {
         let base = description.name.clone();
-        check_interface_type(&description)?;
+        check_interface_types(&description)?;
         let undescribed = || format!("the model {base} cannot be described");
         let root = description.to_xml(version, &library.origin).with_context(undescribed)?;
         let xml = root.document().with_context(undescribed)?;
@@ -84,10 +85,23 @@ impl<'a> BuiltModel<'a> {
     }
 }
 
-/// Checks that a model has the interface type that is to be exported.
-fn check_interface_type(model: &ExportedModel) -> Result<()> {
+/// Checks that a model has the interface types that are to be exported.
+fn check_interface_types(model: &ExportedModel) -> Result<()> {
+    let is_wanted = model.interface_types.contains(&InterfaceType::ScheduledExecution);
+    if is_wanted && !model.is_for_scheduled_execution() {
+        ensure!(
+            !model.is_sampled,
+            "the samples of the model {} are model partitions only if it has no other interface type; expected --interface scheduled-execution alone",
+            model.name
+        );
+        bail!(
+            "the model {} is not for scheduled execution, as it has neither sample times nor clocks; expected --interface co-simulation{}",
+            model.name,
+            if model.has_events() { " or model-exchange" } else { "" }
+        );
+    }
     ensure!(
-        model.is_for_co_simulation() || model.is_for_model_exchange(),
+        is_wanted || model.is_for_co_simulation() || model.is_for_model_exchange(),
         "the model {} is not for model exchange, as it has neither a sample time nor equations; expected --interface co-simulation",
         model.name
     );
@@ -200,7 +214,7 @@ fn has_start(variable: &Variable) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use fmu_description::{InterfaceType, Naming, xml};
+    use fmu_description::{Naming, xml};
 
     use super::*;
 
@@ -294,20 +308,43 @@ mod tests {
 
     #[test]
     fn a_model_without_the_interface_type_is_refused() {
-        for (chosen, is_sampled, is_there) in [
-            (None, false, true),
-            (Some(InterfaceType::CoSimulation), true, true),
-            (Some(InterfaceType::ModelExchange), true, true),
-            (Some(InterfaceType::ModelExchange), false, false),
+        use InterfaceType::{CoSimulation, ModelExchange, ScheduledExecution};
+        for (chosen, is_sampled, has_sample_clocks, expected) in [
+            (&[][..], false, false, ""),
+            (&[CoSimulation], true, false, ""),
+            (&[ModelExchange], true, false, ""),
+            (&[ModelExchange, CoSimulation], false, false, ""),
+            (&[ScheduledExecution], true, true, ""),
+            (
+                &[ModelExchange],
+                false,
+                false,
+                "the model Pid is not for model exchange, as it has neither a sample time nor equations; expected --interface co-simulation",
+            ),
+            (
+                &[ScheduledExecution],
+                false,
+                false,
+                "the model Pid is not for scheduled execution, as it has neither sample times nor clocks; expected --interface co-simulation",
+            ),
+            (
+                &[CoSimulation, ScheduledExecution],
+                true,
+                false,
+                "the samples of the model Pid are model partitions only if it has no other interface type; expected --interface scheduled-execution alone",
+            ),
         ] {
-            let model = ExportedModel { interface_type: chosen, is_sampled, ..model() };
-            let checked = check_interface_type(&model).map_err(|error| error.to_string());
-            let expected = match is_there {
-                true => Ok(()),
-                false => Err(
-                    "the model Pid is not for model exchange, as it has neither a sample time nor equations; expected --interface co-simulation".to_owned(),
-                ),
+            let is_clocked = has_sample_clocks;
+            let interface_types = chosen.to_vec();
+            let model = ExportedModel {
+                interface_types,
+                is_sampled,
+                is_clocked,
+                has_sample_clocks,
+                ..model()
             };
+            let checked = check_interface_types(&model).map_err(|error| error.to_string());
+            let expected = if expected.is_empty() { Ok(()) } else { Err(expected.to_owned()) };
             assert_eq!(checked, expected, "{chosen:?} {is_sampled}");
         }
     }

@@ -129,7 +129,11 @@ fn interfaces<'a>(
     model: &ModelDescription<'a>,
 ) -> impl Iterator<Item = (&'a Element<'a>, &'static str)> {
     let root = model.root;
-    let kinds = [("CoSimulation", "co-simulation"), ("ModelExchange", "model exchange")];
+    let kinds = [
+        ("CoSimulation", "co-simulation"),
+        ("ModelExchange", "model exchange"),
+        ("ScheduledExecution", "scheduled execution"),
+    ];
     kinds.into_iter().filter_map(move |(element, kind)| Some((root.child(element)?, kind)))
 }
 

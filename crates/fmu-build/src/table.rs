@@ -1,7 +1,7 @@
 //! The human-readable table of a model's variables.
 
 use fmu_description::value::whole;
-use fmu_description::{ModelDescription, XmlVariable};
+use fmu_description::{ClockType, ModelDescription, XmlVariable};
 
 /// The column headings.
 pub const HEAD: [&str; 8] =
@@ -44,8 +44,15 @@ fn row(v: &XmlVariable<'_>, model: &ModelDescription<'_>) -> VariableCells {
         0 => v.of_type.name(model.version).to_owned(),
         _ => format!("{}[{}]", v.of_type.as_str(), sizes.join(", ")),
     };
+    let clocks = v.clocks.iter().filter_map(|clock| model.variable(model.index(*clock)));
+    let clocks = Vec::from_iter(clocks.map(|clock| clock.name.as_str()));
+    let variability = match clocks.len() {
+        0 => v.variability.as_str().to_owned(),
+        _ => format!("{} at {}", v.variability.as_str(), clocks.join(", ")),
+    };
     let bound = |name| v.inherited(name).map(short);
     let range = match (bound("min"), bound("max")) {
+        _ if v.clock.is_some() => v.clock.as_ref().map(ticks).unwrap_or_default(),
         (Some(min), Some(max)) => format!("{min} to {max}"),
         (Some(min), None) => format!("from {min}"),
         (None, Some(max)) => format!("to {max}"),
@@ -54,7 +61,7 @@ fn row(v: &XmlVariable<'_>, model: &ModelDescription<'_>) -> VariableCells {
     [
         &v.name,
         v.causality.as_str(),
-        v.variability.as_str(),
+        &variability,
         &of_type,
         v.unit.as_deref().unwrap_or_default(),
         &starts.join(" "),
@@ -62,6 +69,16 @@ fn row(v: &XmlVariable<'_>, model: &ModelDescription<'_>) -> VariableCells {
         &v.description,
     ]
     .map(str::to_owned)
+}
+
+/// When a clock ticks, in words.
+fn ticks(clock: &ClockType) -> String {
+    let interval = clock.interval.map(|interval| format!(" every {interval} s"));
+    let shift = Some(clock.shift).filter(|shift| *shift != 0.0);
+    let shift = shift.map(|shift| format!(" from {shift} s"));
+    let priority = clock.priority.map(|priority| format!(", priority {priority}"));
+    let parts = [interval, shift, priority].into_iter().flatten().collect::<String>();
+    format!("{}{parts}", clock.interval_variability.as_str())
 }
 
 /// A number in scientific notation if that is shorter and the same number.

@@ -254,7 +254,7 @@ macro_rules! export_to_wasm {
                 early_return_allowed: c_int,
                 intermediate_variables: *const u32,
                 n: usize,
-                has_intermediate_update: c_int,
+                has_update: c_int,
             ) -> *mut c_void {
                 // SAFETY: the caller's promise, passed on.
                 unsafe {
@@ -269,7 +269,7 @@ macro_rules! export_to_wasm {
                         early_return_allowed,
                         intermediate_variables,
                         n,
-                        has_intermediate_update,
+                        has_update,
                     )
                 }
             }

@@ -24,6 +24,20 @@ unsafe extern "C" {
     pub(crate) safe fn new_co_simulation(instance: Pointer) -> u32;
 }
 
+#[cfg(feature = "scheduled-execution")]
+#[link(wasm_import_module = "[export]fmi:fmi3/scheduled-execution@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "[resource-new]scheduled-execution-instance"]
+    pub(crate) safe fn new_scheduled_execution(instance: Pointer) -> u32;
+}
+
+#[cfg(feature = "scheduled-execution")]
+#[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "clock-update"]
+    safe fn clock_update();
+}
+
 #[link(wasm_import_module = "[export]fmi:fmi3/model-exchange@3.0.0")]
 unsafe extern "C" {
     #[link_name = "[resource-new]model-exchange-instance"]
@@ -36,6 +50,9 @@ unsafe extern "C" {
 pub(crate) struct Needs {
     pub(crate) new_model_exchange: Option<extern "C" fn(Pointer) -> u32>,
     pub(crate) intermediate_update: Option<fn(IntermediateUpdate) -> Option<f64>>,
+    /// Of a model whose clocks tick or get intervals in an activation.
+    #[cfg(feature = "scheduled-execution")]
+    pub(crate) clock_update: Option<fn()>,
 }
 
 impl Needs {
@@ -52,6 +69,11 @@ impl Needs {
             },
             intermediate_update: match InstanceType::HAS_CO_SIMULATION && M::IS_CONTINUOUS {
                 true => Some(call_back),
+                false => None,
+            },
+            #[cfg(feature = "scheduled-execution")]
+            clock_update: match M::IS_CLOCKED {
+                true => Some(|| clock_update()),
                 false => None,
             },
         }

@@ -29,6 +29,16 @@ unsafe extern "C" {
         can_return_early: c_int,
         return_time: *mut f64,
     ) -> c_int;
+    /// Lets the host ask for clocks.
+    #[cfg(all(not(feature = "fmi2"), feature = "scheduled-execution"))]
+    fn clock_update();
+}
+
+/// The callback of FMI 3.0 for updates of clocks.
+#[cfg(all(not(feature = "fmi2"), feature = "scheduled-execution"))]
+pub(crate) unsafe extern "C" fn update_clocks(_environment: fmi3InstanceEnvironment) {
+    // SAFETY: the host provides this function.
+    unsafe { clock_update() };
 }
 
 /// The callback of FMI 3.0 for intermediate updates.

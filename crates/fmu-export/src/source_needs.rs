@@ -1,5 +1,7 @@
 //! What a model needs of the C sources that have no other model.
 
+#[cfg(all(not(feature = "fmi2"), feature = "scheduled-execution"))]
+use fmi_abi::fmi3::fmi3ClockUpdateCallback;
 #[cfg(not(feature = "fmi2"))]
 use fmi_abi::fmi3::fmi3IntermediateUpdateCallback;
 
@@ -13,6 +15,8 @@ use crate::lifecycle::InstanceType;
 use crate::model::Model;
 #[cfg(not(feature = "fmi2"))]
 use crate::source_host::call_back;
+#[cfg(all(not(feature = "fmi2"), feature = "scheduled-execution"))]
+use crate::source_host::update_clocks;
 
 /// What a model needs of the module that has no other model.
 #[derive(Clone, Copy)]
@@ -28,6 +32,9 @@ pub(crate) struct Needs {
     /// The callback of models that have intermediate updates. Only their modules import it.
     #[cfg(not(feature = "fmi2"))]
     pub(crate) intermediate_update: Option<fmi3IntermediateUpdateCallback>,
+    /// The callback of models whose clocks tick or get intervals in an activation.
+    #[cfg(all(not(feature = "fmi2"), feature = "scheduled-execution"))]
+    pub(crate) clock_update: Option<fmi3ClockUpdateCallback>,
 }
 
 impl Needs {
@@ -59,6 +66,11 @@ impl Needs {
             #[cfg(not(feature = "fmi2"))]
             intermediate_update: match InstanceType::HAS_CO_SIMULATION && M::IS_CONTINUOUS {
                 true => Some(call_back),
+                false => None,
+            },
+            #[cfg(all(not(feature = "fmi2"), feature = "scheduled-execution"))]
+            clock_update: match M::IS_CLOCKED {
+                true => Some(update_clocks),
                 false => None,
             },
         }

@@ -137,7 +137,7 @@ fn a_description_for_one_interface_type_has_nothing_of_the_other() {
         ),
     ] {
         let both = description(&SPRING_COPY);
-        let one = ExportedModel { interface_type: Some(interface_type), ..both.clone() };
+        let one = ExportedModel { interface_types: vec![interface_type], ..both.clone() };
         assert_eq!(one.guid, both.guid);
         for version in FmiVersion::ALL {
             let xml = xml(&one, version);

@@ -16,9 +16,13 @@ pub struct Interface<'a> {
     pub version: FmiVersion,
     /// The model identifier, which is the prefix of functions if several FMUs are linked.
     pub identifier: &'a str,
-    /// The only interface type that was asked for, whose functions are enough; otherwise all functions are there, as in a
-    /// binary.
-    pub interface_type: Option<InterfaceType>,
+    /// The interface types that were asked for, whose functions are enough; if there are none, all functions are there,
+    /// as in a binary.
+    pub interface_types: &'a [InterfaceType],
+    /// Whether the model has clocks.
+    pub has_clocks: bool,
+    /// Whether it is for scheduled execution.
+    pub is_scheduled: bool,
     /// Whether states of the model can be serialized.
     pub is_serialized: bool,
     /// The names of the functions that the model imports.
@@ -53,18 +57,33 @@ impl Interface<'_> {
         let names = self.names();
         parts.extend([names.as_str(), of_version(text!("fmi2_host"), text!("fmi3_host"))]);
         parts.extend([text!("runtime"), of_version("", text!("fmi3_arguments"))]);
-        if is_fmi2 && self.interface_type != Some(InterfaceType::CoSimulation) {
+        if is_fmi2 && self.has(FunctionGroup::ModelExchange) {
             parts.push(text!("fmi2_events"));
         }
         parts.push(text!("states"));
         if !is_fmi2 && imports("intermediate_update") {
             parts.push(text!("fmi3_update"));
         }
+        if self.is_scheduled {
+            parts.push(text!("fmi3_scheduled"));
+        }
+        if self.is_scheduled && imports("clock_update") {
+            parts.push(text!("fmi3_clock_update"));
+        }
         if imports("read_resource") {
             parts.push(text!("resources"));
         }
         parts.push(text!("instantiate"));
-        parts.push(of_version(text!("fmi2_instantiate"), text!("fmi3_instantiate")));
+        let scheduled = match self.is_scheduled {
+            true => text!("fmi3_instantiate_scheduled"),
+            false => text!("fmi3_unscheduled"),
+        };
+        match self.version {
+            FmiVersion::Fmi2 => parts.push(text!("fmi2_instantiate")),
+            FmiVersion::Fmi3 => {
+                parts.extend([text!("fmi3_instantiate"), scheduled, text!("fmi3_free")]);
+            }
+        }
         self.fill_in(&parts.concat()) + &self.functions()
     }
 
@@ -77,6 +96,7 @@ impl Interface<'_> {
             ("@MODEL@", self.identifier),
             ("@PREFIX@", &format!("{}_", self.identifier)),
             ("@ARGUMENTS@", &ARGUMENTS.to_string()),
+            ("@SCHEDULED@", if self.is_scheduled { SCHEDULED_HOST } else { "" }),
             ("@IS_SERIALIZED@", if self.is_serialized { "1" } else { "0" }),
             ("@FREE_STATE@", operation("free_fmu_state")),
             ("@DESERIALIZE_STATE@", operation("deserialize_fmu_state")),
@@ -91,15 +111,22 @@ impl Interface<'_> {
 
     /// The functions in the file.
     fn signatures(&self) -> impl Iterator<Item = &'static Signature> {
-        let left_out: &[_] = match self.interface_type {
-            Some(InterfaceType::CoSimulation) => &[FunctionGroup::ModelExchange],
-            Some(InterfaceType::ModelExchange) => &[FunctionGroup::CoSimulation],
-            Some(InterfaceType::ScheduledExecution) => {
-                &[FunctionGroup::ModelExchange, FunctionGroup::CoSimulation]
+        let all = self.version.signatures().iter();
+        all.filter(|signature| self.has(signature.function.group))
+    }
+
+    /// Whether the functions of a group are in the file. Importers bind the function of scheduled execution anyway, and
+    /// FMPy all functions for scheduled execution alone.
+    fn has(&self, group: FunctionGroup) -> bool {
+        let interface_type = match group {
+            FunctionGroup::ModelExchange => InterfaceType::ModelExchange,
+            FunctionGroup::CoSimulation => InterfaceType::CoSimulation,
+            FunctionGroup::All | FunctionGroup::Clocks | FunctionGroup::ScheduledExecution => {
+                return true;
             }
-            None => &[],
         };
-        self.version.signatures().iter().filter(|s| !left_out.contains(&s.function.group))
+        matches!(self.interface_types, [] | [InterfaceType::ScheduledExecution])
+            || self.interface_types.contains(&interface_type)
     }
 
     /// The macros that give functions their names with the prefix.
@@ -128,11 +155,18 @@ impl Interface<'_> {
                 let title = format!("/* --- Functions of {what} ");
                 let _ = writeln!(text, "{title:-<103} */\n");
             }
-            text += &Function { version: self.version, signature }.text();
+            text += &Function { of: self, version: self.version, signature }.text();
         }
         text
     }
 }
+
+/// What an instance of scheduled execution keeps of the host.
+const SCHEDULED_HOST: &str = "    fmi3ClockUpdateCallback clock_update;
+    fmi3LockPreemptionCallback lock_preemption;
+    fmi3UnlockPreemptionCallback unlock_preemption;
+    int is_in_use; /* whether a call uses the instance */
+";
 
 /// Resources (bytes) that are put into the program at most.
 const MOST_RESOURCES: usize = 256 << 10;
@@ -166,26 +200,40 @@ pub fn resources(files: &[NamedFile]) -> String {
 }
 
 /// A function of an instance.
-struct Function {
+struct Function<'a> {
+    of: &'a Interface<'a>,
     version: FmiVersion,
     signature: &'static Signature,
 }
 
-impl Function {
+impl Function<'_> {
     fn text(&self) -> String {
         let FmiFunctionNames { prefix, export, instance } = FmiFunctionNames::of(self.version);
         let name = self.signature.function.name;
         let mut parameters = vec![format!("{instance} instance")];
         parameters.extend(self.arguments().map(|argument| self.parameter(argument)));
-        let head = format!("{export} {prefix}Status {name}(");
+        let head = match self.of.is_scheduled {
+            true => format!("static {prefix}Status {name}_in_lock("),
+            false => format!("{export} {prefix}Status {name}("),
+        };
         let body = match self.is_unsupported() {
             true => self.refusal(),
             false => self.call(),
         };
         let call = format!("    Call call = {{instance, \"{name}\", {prefix}Error, 0}};\n");
-        format!(
+        let text = format!(
             "{}\n{{\n{call}{body}    return call.status;\n}}\n\n",
             wrapped(&head, &parameters, ")")
+        );
+        if !self.of.is_scheduled {
+            return text;
+        }
+        let head = wrapped(&format!("{export} {prefix}Status {name}("), &parameters, ")");
+        let mut passed = vec!["instance".to_owned()];
+        passed.extend(self.arguments().map(|argument| argument.name.to_owned()));
+        let inner = wrapped(&format!("        call.status = {name}_in_lock("), &passed, ");");
+        format!(
+            "{text}{head}\n{{\n{call}    if (lock(&call)) {{\n{inner}\n        unlock(instance);\n    }}\n    return call.status;\n}}\n\n"
         )
     }
 
@@ -195,8 +243,11 @@ impl Function {
 
     /// Whether the models have no such ability.
     fn is_unsupported(&self) -> bool {
-        let function = &self.signature.function;
-        function.states == 0 || function.group == FunctionGroup::Clocks
+        match self.signature.function.group {
+            FunctionGroup::Clocks => !self.of.has_clocks,
+            FunctionGroup::ScheduledExecution => !self.of.is_scheduled,
+            _ => self.signature.function.states == 0,
+        }
     }
 
     /// The declaration of an argument.

@@ -106,7 +106,9 @@ fn translate(
     let functions = Interface {
         version,
         identifier: name,
-        interface_type: model.description.interface_type,
+        interface_types: &model.description.interface_types,
+        has_clocks: model.description.has_clocks(),
+        is_scheduled: model.description.is_for_scheduled_execution(),
         is_serialized: !model.description.is_unserialized,
         imports: &imports,
     };

@@ -231,6 +231,9 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     fmi3Status(status as c_int)
 }
 
+/// Whether the host asks for clocks after an activation, until the next one: it cannot call a component in a callback.
+const UPDATES_AFTERWARDS: bool = cfg!(all(target_arch = "wasm32", not(feature = "sources")));
+
 /// Ends an update of clocks, also if the instance has failed in it.
 fn end_clock_update(instance: &mut Instance) -> Status {
     instance.end_clock_update();
@@ -248,6 +251,9 @@ exported! { ScheduledExecution
         // SAFETY: the host's promises, as for all entry points.
         let status = unsafe {
             call(instance, operation, |instance| {
+                if UPDATES_AFTERWARDS {
+                    instance.end_clock_update();
+                }
                 instance.activate_model_partition(clock, time)?;
                 update = instance.begin_clock_update();
                 Ok(())
@@ -256,8 +262,10 @@ exported! { ScheduledExecution
         // The host may call functions of the instance, which no call uses now.
         if let Some(update) = update {
             update();
-            // SAFETY: as above.
-            unsafe { fast::use_instance(instance, operation, &mut end_clock_update) };
+            if !UPDATES_AFTERWARDS {
+                // SAFETY: as above.
+                unsafe { fast::use_instance(instance, operation, &mut end_clock_update) };
+            }
         }
         fmi3Status(status as c_int)
     }
@@ -281,6 +289,9 @@ exported! { CoSimulation
             write_result(terminate, fmi3False);
             write_result(early_return, fmi3False);
             match head(instance) {
+                _ if InstanceType::HAS_ONLY_SCHEDULED_EXECUTION => {
+                    call(instance, &calls::fmi3DoStep, |_| Ok(()))
+                }
                 Some(head) if head.is_stepped_in_parts => {
                     let (event, early, last) =
                         (event_handling_needed, early_return, last_successful_time);

@@ -41,16 +41,14 @@ macro_rules! entries {
     };
 }
 
-/// Exports a function of C that belongs to a group of rows, if the binary has instances of its interface type.
+/// Exports a function of C that belongs to a group of rows, if the binary has instances of its interface type. One for
+/// scheduled execution has the functions of all types, which FMPy demands of it.
 macro_rules! exported {
     (CoSimulation $($function:tt)*) => {
         #[cfg_attr(
             all(
                 any(not(target_arch = "wasm32"), feature = "sources"),
-                any(
-                    feature = "co-simulation",
-                    not(any(feature = "model-exchange", feature = "scheduled-execution"))
-                )
+                any(feature = "co-simulation", not(feature = "model-exchange"))
             ),
             unsafe(no_mangle)
         )]
@@ -60,17 +58,20 @@ macro_rules! exported {
         #[cfg_attr(
             all(
                 any(not(target_arch = "wasm32"), feature = "sources"),
-                any(
-                    feature = "model-exchange",
-                    not(any(feature = "co-simulation", feature = "scheduled-execution"))
-                )
+                any(feature = "model-exchange", not(feature = "co-simulation"))
             ),
             unsafe(no_mangle)
         )]
         $($function)*
     };
     (ScheduledExecution $($function:tt)*) => {
-        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
+        #[cfg_attr(
+            any(
+                not(target_arch = "wasm32"),
+                all(feature = "sources", feature = "scheduled-execution")
+            ),
+            unsafe(no_mangle)
+        )]
         $($function)*
     };
     ($_:ident $($function:tt)*) => {

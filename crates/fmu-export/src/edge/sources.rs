@@ -132,8 +132,9 @@ fn enlarge(area: &mut Vec<u64>, length: usize) -> bool {
     is_there
 }
 
-/// Creates the instance of a module, of type 0 (model exchange) or 1 (co-simulation). On failure, logs the reason and
-/// returns NULL.
+/// Creates the instance of a module, of type 0 (model exchange), 1 (co-simulation) or 2 (scheduled execution, whose locks
+/// are around the calls of the module). The host has a callback for intermediate updates, or for updates of clocks. On
+/// failure, logs the reason and returns NULL.
 ///
 /// # Safety
 /// Texts are NULL or zero-terminated; the array is NULL or has its length.
@@ -148,13 +149,13 @@ pub unsafe fn instantiate(
     early_return_allowed: c_int,
     intermediate_variables: *const u32,
     n: usize,
-    has_intermediate_update: c_int,
+    has_update: c_int,
 ) -> Pointer {
     silence_panics(report_panic);
     #[cfg(feature = "fmi2")]
     let instance = {
         let _ = (event_mode_used, early_return_allowed, intermediate_variables, n);
-        let _ = has_intermediate_update;
+        let _ = has_update;
         let sink: Sink = Box::new(|heading, message| {
             send(heading.status, heading.category, &c_message(message));
         });
@@ -164,8 +165,8 @@ pub unsafe fn instantiate(
     };
     #[cfg(not(feature = "fmi2"))]
     let instance = {
-        let call_back = models.first().and_then(|model| model.needs.intermediate_update);
-        let call_back = call_back.filter(|_| has_intermediate_update != 0);
+        let needs = models.first().map(|model| model.needs).filter(|_| has_update != 0);
+        let call_back = needs.and_then(|needs| needs.intermediate_update);
         let (visible, logging_on) = (fmi3False, (logging_on != 0).into());
         let (event_mode_used, early) = (event_mode_used != 0, early_return_allowed != 0);
         let (variables, log) = (intermediate_variables, Some(log_message as _));
@@ -181,6 +182,20 @@ pub unsafe fn instantiate(
                     logging_on,
                     null_mut(),
                     log,
+                ),
+                #[cfg(feature = "scheduled-execution")]
+                2 => instantiate_scheduled_execution(
+                    models,
+                    name,
+                    token,
+                    resources,
+                    visible,
+                    logging_on,
+                    null_mut(),
+                    log,
+                    needs.and_then(|needs| needs.clock_update),
+                    None,
+                    None,
                 ),
                 _ => instantiate_co_simulation(
                     models,

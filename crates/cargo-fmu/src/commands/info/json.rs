@@ -90,7 +90,7 @@ fn described(variable: &XmlVariable<'_>) -> Value {
         _ => Value::Array(starts),
     };
     let of_type = variable.declared_type.as_ref().map(|declared| &declared.name);
-    json!({
+    let mut shown = json!({
         "name": variable.name,
         "valueReference": variable.reference,
         "description": variable.description,
@@ -106,7 +106,20 @@ fn described(variable: &XmlVariable<'_>) -> Value {
         "nominal": variable.inherited("nominal").and_then(real).map(number),
         "dimensions": variable.dimensions,
         "aliases": variable.aliases,
-    })
+    });
+    if !variable.clocks.is_empty() {
+        shown["clocks"] = json!(variable.clocks);
+    }
+    if let Some(clock) = &variable.clock {
+        shown["clock"] = json!({
+            "intervalVariability": clock.interval_variability.as_str(),
+            "interval": clock.interval,
+            "shift": clock.shift,
+            "resolution": clock.resolution,
+            "priority": clock.priority,
+        });
+    }
+    shown
 }
 
 /// Replaces the text of an attribute by its number.

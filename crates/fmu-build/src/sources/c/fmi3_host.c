@@ -5,7 +5,7 @@ typedef struct {
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log_message;
     fmi3IntermediateUpdateCallback intermediate_update;
-} Host;
+@SCHEDULED@} Host;
 
 /* Sends a message to the logger of the host. */
 static void send_message(const Host *host, fmi3Status status, const char *category, const char *message)

@@ -3,7 +3,7 @@
 /* How the host wants an instance. */
 typedef struct {
     const char *name, *token, *resources;
-    int32_t type; /* 0 for model exchange, 1 for co-simulation */
+    int32_t type; /* 0 for model exchange, 1 for co-simulation, 2 for scheduled execution */
     int logging_on, event_mode_used, early_return_allowed;
     const uint32_t *intermediate_variables;
     size_t n;

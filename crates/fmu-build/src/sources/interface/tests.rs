@@ -11,11 +11,13 @@ use super::*;
 /// The headers of the standard.
 const HEADERS: &str = concat!("-I", env!("CARGO_MANIFEST_DIR"), "/../fmu-compile/src/headers");
 
-fn interface(version: FmiVersion, interface_type: Option<InterfaceType>) -> Interface<'static> {
+fn interface(version: FmiVersion, interface_types: &[InterfaceType]) -> Interface<'_> {
     Interface {
         version,
         identifier: "Pid",
-        interface_type,
+        interface_types,
+        has_clocks: false,
+        is_scheduled: false,
         is_serialized: true,
         imports: &["log", "intermediate_update", "resource_size", "read_resource"],
     }
@@ -24,9 +26,9 @@ fn interface(version: FmiVersion, interface_type: Option<InterfaceType>) -> Inte
 #[test]
 fn every_row_is_a_function() {
     for version in FmiVersion::ALL {
-        let all = interface(version, None).text();
+        let all = interface(version, &[]).text();
         let some = [InterfaceType::CoSimulation, InterfaceType::ModelExchange];
-        let some = some.map(|only| interface(version, Some(only)).text());
+        let some = some.map(|only| interface(version, &[only]).text());
         for Signature { function, .. } in version.signatures() {
             let definition = format!(" {}(", function.name);
             let is_defined = |text: &str| {
@@ -96,9 +98,10 @@ fn a_compiler_has_no_warnings_and_the_functions_are_those_of_the_standard() {
     write("resources.h", resources(&[("a \"b\".txt".into(), b"x".into()), ("c".into(), vec![])]));
     for version in FmiVersion::ALL {
         write("model.h", header(version, "Pid_model_"));
-        let types = [InterfaceType::CoSimulation, InterfaceType::ModelExchange].map(Some);
-        for interface_type in [None].into_iter().chain(types) {
-            let interface = interface(version, interface_type);
+        for interface_types in
+            [&[][..], &[InterfaceType::CoSimulation], &[InterfaceType::ModelExchange]]
+        {
+            let interface = interface(version, interface_types);
             let file = interface.file_name();
             write(file, interface.text());
             let options = ["-DFMU_STATIC_INSTANCES=2", "-DFMU_NO_FILES", HEADERS];
@@ -132,7 +135,7 @@ fn a_host_calls_the_functions_of_two_fmus() {
         format!("{head} {{ (void)m; {unused}return 3; }}\n")
     });
     write("model.c", &(model.to_owned() + &others.collect::<String>()));
-    write("fmi3.c", &interface(FmiVersion::Fmi3, None).text());
+    write("fmi3.c", &interface(FmiVersion::Fmi3, &[]).text());
     write("host.c", include_str!("../c/test/host.c"));
     for (options, argument) in [(&[][..], "heap"), (&["-DFMU_STATIC_INSTANCES=2"], "static")] {
         for name in ["first", "second"] {

@@ -106,6 +106,35 @@ unsafe extern "C" fn instantiate_model_exchange(
     )
 }
 
+#[cfg(feature = "scheduled-execution")]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn instantiate_scheduled_execution(
+    name: *const u8,
+    name_length: usize,
+    token: *const u8,
+    token_length: usize,
+    _path: *const u8,
+    _path_length: usize,
+    _visible: bool,
+    logging_on: bool,
+) -> *const Handle {
+    // SAFETY: the host's promises.
+    let (name, token) = unsafe { (text(name, name_length), text(token, token_length)) };
+    let clock_update = fmu_export_models().iter().find_map(|model| model.needs.clock_update);
+    // A host cannot preempt a call of a component.
+    let settings = Settings {
+        clock_update: clock_update.map(|f| Rc::new(f) as Rc<_>),
+        ..settings(&name, logging_on)
+    };
+    instantiate(
+        "fmi3InstantiateScheduledExecution",
+        (&name, &token),
+        InstanceType::ScheduledExecution,
+        settings,
+        crate::needs::new_scheduled_execution,
+    )
+}
+
 /// Defines the functions that create an instance without a path of resources, for the draft at commit 77277f4.
 macro_rules! without_path {
     ($($name:ident by $with:ident($($arg:ident: $type:ty),*);)*) => { $(
@@ -125,6 +154,13 @@ without_path! {
         intermediate_variables: *const u32, n: usize
     );
     instantiate_model_exchange_without_path by instantiate_model_exchange(
+        visible: bool, logging_on: bool
+    );
+}
+
+#[cfg(feature = "scheduled-execution")]
+without_path! {
+    instantiate_scheduled_execution_without_path by instantiate_scheduled_execution(
         visible: bool, logging_on: bool
     );
 }

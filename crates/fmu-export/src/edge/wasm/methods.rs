@@ -87,7 +87,11 @@ macro_rules! method {
     // Below, as they have texts, bytes, or other arguments than in C.
     ($name:ident $arguments:tt $operation:ident NOWHERE) => {};
     ($name:ident(state: fmi3FMUState) $($rest:tt)*) => {};
-    (fmi3EvaluateDiscreteStates $($rest:tt)*) => {};
+    // Only libraries for scheduled execution have it.
+    (fmi3ActivateModelPartition($($arg:ident: $type:ident),*) $($rest:tt)*) => {
+        #[cfg(feature = "scheduled-execution")]
+        method!(@ fmi3ActivateModelPartition activate_model_partition($($arg: $type),*));
+    };
     (fmi3GetString $($rest:tt)*) => {};
     (fmi3SetString $($rest:tt)*) => {};
 
@@ -178,19 +182,131 @@ fn failed<T>() -> *const Answer<T> {
 }
 
 unsupported! {
-    fmi3GetClock: get_clock(*const u32, usize) -> Values<u8> = failed();
-    fmi3SetClock: set_clock(*const u32, usize, *const u8, usize) -> fmi3Status = fmi3Error;
     fmi3GetNumberOfVariableDependencies: get_number_of_variable_dependencies(u32) -> *const Answer<u64> = failed();
     fmi3GetVariableDependencies: get_variable_dependencies(u32) -> Values<u8> = failed();
-    fmi3GetIntervalDecimal: get_interval_decimal(*const u32, usize) -> Values<u8> = failed();
-    fmi3GetIntervalFraction: get_interval_fraction(*const u32, usize) -> Values<u8> = failed();
-    fmi3GetShiftDecimal: get_shift_decimal(*const u32, usize) -> Values<f64> = failed();
-    fmi3GetShiftFraction: get_shift_fraction(*const u32, usize) -> Values<u8> = failed();
-    fmi3SetIntervalDecimal: set_interval_decimal(*const u32, usize, *const f64, usize) -> fmi3Status = fmi3Error;
-    fmi3SetIntervalFraction: set_interval_fraction(*const u32, usize, *const u64, usize) -> fmi3Status = fmi3Error;
-    fmi3SetShiftDecimal: set_shift_decimal(*const u32, usize, *const f64, usize) -> fmi3Status = fmi3Error;
-    fmi3SetShiftFraction: set_shift_fraction(*const u32, usize, *const u64, usize) -> fmi3Status = fmi3Error;
-    fmi3EvaluateDiscreteStates: evaluate_discrete_states() -> fmi3Status = fmi3Error;
+}
+
+/// The interval of a clock, and what it means.
+#[repr(C)]
+pub struct Qualified<T> {
+    interval: T,
+    qualifier: u8,
+}
+
+/// A counter and its resolution.
+type Fraction = [u64; 2];
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_clock(instance: Pointer, clocks: *const u32, n: usize) -> Values<u8> {
+    // SAFETY: the host's promises; the memory is for as many values.
+    values(instance, n, |first, n| unsafe { fmi3GetClock(instance, clocks, n, first) })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_shift_decimal(
+    instance: Pointer,
+    clocks: *const u32,
+    n: usize,
+) -> Values<f64> {
+    // SAFETY: the host's promises; the memory is for as many values.
+    values(instance, n, |first, n| unsafe { fmi3GetShiftDecimal(instance, clocks, n, first) })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_interval_decimal(
+    instance: Pointer,
+    clocks: *const u32,
+    n: usize,
+) -> Values<Qualified<f64>> {
+    values(instance, n, |first: *mut Qualified<f64>, n| {
+        let (mut intervals, mut qualifiers) = (vec![0.0; n], vec![0; n]);
+        let (all, of_all) = (intervals.as_mut_ptr(), qualifiers.as_mut_ptr());
+        // SAFETY: the host's promises; the memory is for as many values.
+        unsafe {
+            let status = fmi3GetIntervalDecimal(instance, clocks, n, all, of_all);
+            for (k, (interval, qualifier)) in intervals.into_iter().zip(qualifiers).enumerate() {
+                first.add(k).write(Qualified { interval, qualifier: qualifier as u8 });
+            }
+            status
+        }
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_interval_fraction(
+    instance: Pointer,
+    clocks: *const u32,
+    n: usize,
+) -> Values<Qualified<Fraction>> {
+    values(instance, n, |first: *mut Qualified<Fraction>, n| {
+        let (mut counters, mut resolutions) = (vec![0; n], vec![0; n]);
+        let mut qualifiers = vec![0; n];
+        let (all, of_all) = (counters.as_mut_ptr(), resolutions.as_mut_ptr());
+        let qualified = qualifiers.as_mut_ptr();
+        // SAFETY: the host's promises; the memory is for as many values.
+        unsafe {
+            let status = fmi3GetIntervalFraction(instance, clocks, n, all, of_all, qualified);
+            for (k, qualifier) in qualifiers.into_iter().enumerate() {
+                let interval = [counters[k], resolutions[k]];
+                first.add(k).write(Qualified { interval, qualifier: qualifier as u8 });
+            }
+            status
+        }
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_shift_fraction(
+    instance: Pointer,
+    clocks: *const u32,
+    n: usize,
+) -> Values<Fraction> {
+    values(instance, n, |first: *mut Fraction, n| {
+        let (mut counters, mut resolutions) = (vec![0; n], vec![0; n]);
+        let (all, of_all) = (counters.as_mut_ptr(), resolutions.as_mut_ptr());
+        // SAFETY: the host's promises; the memory is for as many values.
+        unsafe {
+            let status = fmi3GetShiftFraction(instance, clocks, n, all, of_all);
+            for (k, shift) in counters.into_iter().zip(resolutions).enumerate() {
+                first.add(k).write(shift.into());
+            }
+            status
+        }
+    })
+}
+
+/// Defines functions that set something of each clock.
+macro_rules! set_clocks {
+    ($($name:ident: $operation:ident($values:ident: $type:ty) by $($argument:expr),*;)*) => { $(
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $operation(
+            instance: Pointer, clocks: *const u32, n: usize, values: *const $type, n_values: usize
+        ) -> fmi3Status {
+            // SAFETY: the host's promises.
+            call(instance, || unsafe {
+                if n != n_values {
+                    return perform(instance, &calls::$name, |_| {
+                        refused!("values passed: {n_values}; expected {n}, one for each clock")
+                    });
+                }
+                let $values = slice(values, n);
+                $name(instance, clocks, n $(, $argument.as_ptr())*)
+            })
+        }
+    )* };
+}
+
+/// The counters, or the resolutions, of fractions.
+fn parts(fractions: &[Fraction], part: usize) -> Vec<u64> {
+    fractions.iter().map(|fraction| fraction[part]).collect()
+}
+
+set_clocks! {
+    fmi3SetClock: set_clock(values: u8) by values;
+    fmi3SetIntervalDecimal: set_interval_decimal(values: f64) by values;
+    fmi3SetIntervalFraction: set_interval_fraction(values: Fraction) by parts(values, 0), parts(values, 1);
+    fmi3SetShiftDecimal: set_shift_decimal(values: f64) by values;
+    fmi3SetShiftFraction: set_shift_fraction(values: Fraction) by parts(values, 0), parts(values, 1);
 }
 
 #[unsafe(no_mangle)]
