@@ -4,6 +4,8 @@
 //! its clocks are activated, its inputs set and its outputs got. An update of its discrete states ends the super-dense
 //! instant, and the FMU tells when its clocks tick next (FMI 3.0.2, sections 2.2.9 and 2.3.5).
 
+use std::fmt::Display;
+
 use fmu_description::{ClockType, IntervalVariability};
 use fmu_host::{Instance, IntervalQualifier};
 
@@ -25,11 +27,11 @@ impl ComponentInstance<'_> {
     fn clock_call<T>(
         &mut self,
         operation: Operation,
-        what: &str,
+        what: impl Display,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result<T>,
     ) -> CallResult<T> {
         let called = self.recorded.call(operation, call);
-        called.map_err(|error| self.integration_error(error, what.to_owned()))
+        called.map_err(|error| self.integration_error(error, what.to_string()))
     }
 
     /// Calls a function for the clocks, which may return a warning.
@@ -321,9 +323,9 @@ impl ComponentInstance<'_> {
         // The size of an undivided step is that of the system.
         let size = if (size - step).abs() <= same { step } else { size };
         let operation = Operation::DoStep;
-        let what = format!("step of {size:?} s");
         let called = |instance: &mut Instance| instance.do_step_to_event(time, size);
-        let (success, stepped) = self.clock_call(operation, &what, called)?;
+        let (success, stepped) =
+            self.clock_call(operation, format_args!("step of {size:?} s"), called)?;
         self.recorded.warn(success);
         let reached = match stepped.early_return || stepped.terminate {
             true => stepped.last_successful_time,
@@ -343,7 +345,7 @@ impl ComponentInstance<'_> {
             }
             return Ok(());
         };
-        Err(self.integration_error(error, what))
+        Err(self.integration_error(error, format!("step of {size:?} s")))
     }
 }
 

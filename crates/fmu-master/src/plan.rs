@@ -409,9 +409,10 @@ impl Plan {
         if self.steps_from_stop() { points } else { points.saturating_sub(1) }
     }
 
-    /// Whether a step from the stop time is needed, because a recorded component is sampled.
+    /// Whether a step from the stop time is needed, because a recorded component is sampled, or one that feeds a component
+    /// with clocks.
     pub(crate) fn steps_from_stop(&self) -> bool {
-        !self.wiring.recorded_after.is_empty()
+        !self.wiring.recorded_after.is_empty() || self.wiring.samples_at_ticks
     }
 }
 

@@ -425,6 +425,7 @@ impl Simulation<'_> {
                 }
                 self.row.store.record::<PLAIN>(&wiring.recorded_after, &self.outputs);
             } else if !PLAIN && self.plan.schedule.clocked.is_some() {
+                self.hold();
                 self.tick_at_point(k, time, experiment.step).map_err(failed_at(time))?;
             }
             if is_late && !observe(&self.row) {

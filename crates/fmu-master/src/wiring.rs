@@ -50,6 +50,8 @@ pub(crate) struct Wiring {
     /// The outputs of continuous components that feed components with clocks, and the places where their values are held
     /// over a communication step.
     pub(crate) held: Vec<(Place, Place)>,
+    /// Whether a sampled component feeds one with clocks.
+    pub(crate) samples_at_ticks: bool,
     /// The inputs that clocked outputs feed, and the places that have no value before the first tick.
     pub(crate) unset: Vec<(ScalarId, Place, Option<Conversion>)>,
     /// The connections with faults that lead to each component.
@@ -277,11 +279,12 @@ impl Wiring {
         let mut faulty_connections = vec![Vec::new(); components.len()];
         let mut feeding = Vec::from_iter(components.iter().map(|_| Vec::new()));
         let mut ranks = 0..;
-        let (mut held, mut unset) = (Vec::new(), Vec::new());
+        let (mut held, mut unset, mut samples_at_ticks) = (Vec::new(), Vec::new(), false);
         for connection in connections {
             let ResolvedConnection { from, to, conversion, faults } = connection;
             let mut place = output_places[from];
             let (feeds, is_fed) = (&components[from.component], &components[to.component]);
+            samples_at_ticks |= is_fed.is_clocked() && feeds.sampled;
             if is_fed.is_clocked() && !feeds.is_clocked() && !feeds.sampled {
                 let to = Place::next(from.access_type(components), &mut counts);
                 held.push((place, to));
@@ -345,6 +348,7 @@ impl Wiring {
             clocked_columns,
             recorded_clocks,
             held,
+            samples_at_ticks,
             unset,
             faulty_connections,
             extrapolation,

@@ -13,10 +13,7 @@ impl Simulation<'_> {
     /// experiment unless a component has a step of its own: passes values to inputs, has the components step in their
     /// order, and gets their outputs. Records nothing, and takes values from the input file only within the step.
     pub(crate) fn advance(&mut self, k: u64, time: f64, step: f64) -> CallResult {
-        for (from, to) in &self.plan.wiring.held {
-            let value = self.outputs.value(*from);
-            self.outputs.set(*to, value);
-        }
+        self.hold();
         if let Some(mut adaptive) = self.adaptive.take() {
             let advanced = self.advance_adaptively(&mut adaptive, k, time, step);
             self.adaptive = Some(adaptive);

@@ -50,6 +50,14 @@ impl Simulation<'_> {
         }
     }
 
+    /// Holds the outputs of continuous components for those with clocks over a communication step.
+    pub(super) fn hold(&mut self) {
+        for (from, to) in &self.plan.wiring.held {
+            let value = self.outputs.value(*from);
+            self.outputs.set(*to, value);
+        }
+    }
+
     /// Advances the components with clocks from communication point `k`, at a time (s), by a step (s).
     pub(super) fn advance_clocked(&mut self, k: u64, time: f64, step: f64) -> CallResult {
         self.tick_at_point(k, time, step)?;
@@ -165,10 +173,10 @@ impl Simulation<'_> {
             component.step_to(reached, step)?;
             reached = reached.min(time(&component.clocks));
         }
-        for (member, before) in stage.members.iter().zip(self.returns.clone()) {
+        for (number, member) in stage.members.iter().enumerate() {
             let clocks = &self.components[member.component].clocks;
             let is_ahead = clocks.as_ref().is_some_and(|clocks| clocks.time > reached + same);
-            if let (Some(before), true) = (before, is_ahead) {
+            if let (Some(before), true) = (self.returns[number], is_ahead) {
                 self.restore(before)?;
                 self.components[member.component].step_to(reached, step)?;
             }

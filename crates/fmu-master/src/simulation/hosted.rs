@@ -45,6 +45,7 @@ impl Simulation<'_> {
         self.row.time = time;
         self.row.store.record::<false>(&wiring.recorded_before, &self.outputs);
         self.row.store.record::<false>(&wiring.recorded_after, &self.outputs);
+        self.row.store.record::<false>(&wiring.recorded_at_ticks, &self.outputs);
     }
 
     /// Takes the step from communication point `k`.
