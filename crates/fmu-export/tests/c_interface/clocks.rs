@@ -8,6 +8,8 @@ use fmu_description::Type;
 use fmu_export::prelude::*;
 use fmu_export::testing::Driver;
 use fmu_export::{Entry, interface, table_size};
+use proptest::collection::vec;
+use proptest::prelude::*;
 
 use crate::driver::*;
 use crate::models::{BREAK, DISCARD, DIVERGE, REFUSE, fail};
@@ -793,4 +795,159 @@ fn a_tick_does_not_allocate() {
     });
     assert_eq!(allocations.count_total, 0);
     assert_eq!((clock, it.get([SUM])), ([1], [2000.0]));
+}
+
+/// An instance in a state: instantiated, initialization mode, event mode, step mode or continuous-time mode, clock
+/// activation mode, terminated or error.
+fn in_state(kind: Kind, state: char) -> Instance {
+    let it = new(kind, NODE);
+    if state != 'I' {
+        ok([it.enter(0.0, None, None)]);
+    }
+    if !"IN".contains(state) {
+        ok([it.exit_initialization_mode()]);
+    }
+    match state {
+        'S' | 'C' => _ = (it.update(), it.end_event_mode()),
+        'T' => ok([it.terminate()]),
+        'X' if kind == SCHEDULED => {
+            ok([it.set(TROUBLE, BREAK)]);
+            assert_eq!(it.activate(SAMPLE as c_int, 0.0), ERROR);
+        }
+        'X' => {
+            ok([it.set(TROUBLE, BREAK), it.set_clocks(&[SAMPLE], &[1])]);
+            assert_eq!(it.evaluate(), ERROR);
+        }
+        _ => {}
+    }
+    it
+}
+
+#[test]
+fn functions_of_clocks_are_allowed_in_the_states_of_the_standard() {
+    // FMI 3.0.2, sections 2.3, 3.2, 4.2 and 5.2. In clock update mode, see below.
+    let table = [
+        ("get_clock", "NE"),
+        ("set_clock", "E"),
+        ("get_interval_decimal get_interval_fraction", "NEA"),
+        ("set_interval_decimal set_interval_fraction", "NEA"),
+        ("get_shift_decimal get_shift_fraction", "N"),
+        ("set_shift_decimal set_shift_fraction", "N"),
+        ("evaluate_discrete_states", "E"),
+        ("activate_model_partition", "A"),
+    ];
+    for (kind, states) in [(EVENTS, "INESTX"), (EXCHANGED[1], "INECTX"), (SCHEDULED, "INATX")] {
+        for function in functions(Fmi3) {
+            let is_of = |(operations, _): &&(&str, &str)| {
+                operations.split(' ').any(|operation| operation == function.operation)
+            };
+            let Some((_, allowed)) = table.iter().find(is_of) else { continue };
+            for state in states.chars() {
+                let it = in_state(kind, state);
+                it.forget_messages();
+                let before = it.snapshot();
+                let status = function.call_with_zeros(*it, 1, None);
+                let last = it.messages().pop().map_or(String::new(), |message| message.text);
+                let is_lacking = last.contains("is not allowed in the state")
+                    || last.contains("the instance is ")
+                    || last.contains("it is a function of ");
+                let what = format!("{} in {state} of {kind:?}: {last}", function.operation);
+                assert_eq!(is_lacking, !allowed.contains(state), "{what}");
+                assert!(status == OK || it.snapshot() == before, "{what}");
+                let refusals = function.refusals.iter().flatten().enumerate();
+                for (null, words) in refusals.filter(|(_, words)| !words.is_empty()) {
+                    it.refuses(words, |f| function.call_with_zeros(f, 1, Some(null)));
+                }
+                // No clock at all.
+                assert!(is_lacking || function.call_with_zeros(*it, 0, None) != FATAL);
+            }
+        }
+    }
+}
+
+/// What a host does.
+#[derive(Debug, Clone, Copy)]
+enum Act {
+    SetClocks([u32; 2], [u8; 2]),
+    Set(u32, f64),
+    Evaluate,
+    Ask(u32),
+    Interval(u32),
+    SetInterval(u32, f64),
+    Update,
+    Enter,
+    Leave,
+    Activate(u32, u8),
+}
+
+/// Does something; what it returns.
+fn act(f: Fmu, act: Act) -> (Status, Vec<f64>) {
+    let numbers = |status, numbers: &[f64]| (status, numbers.to_vec());
+    match act {
+        Act::SetClocks(clocks, values) => (f.set_clocks(&clocks, &values), Vec::new()),
+        Act::Set(reference, value) => (f.set(reference, value), Vec::new()),
+        Act::Evaluate => (f.evaluate(), Vec::new()),
+        Act::Ask(reference) if reference <= SENT => {
+            let mut active = [7];
+            numbers(f.get_clocks(&[reference], &mut active), &[f64::from(active[0])])
+        }
+        Act::Ask(reference) => {
+            let of = if [TICKS, ACTIVE].contains(&reference) { Type::Int32 } else { Type::Float64 };
+            f.get_all(of, &[reference], 1)
+        }
+        Act::Interval(clock) => {
+            let (mut interval, mut qualifier) = ([0.0], [7]);
+            let status = f.get_intervals(&[clock], &mut interval, &mut qualifier);
+            numbers(status, &[interval[0], f64::from(qualifier[0])])
+        }
+        Act::SetInterval(clock, value) => (f.set_intervals(&[clock], &[value]), Vec::new()),
+        Act::Update => (f.try_update().0, Vec::new()),
+        Act::Enter => (f.enter_event_mode(), Vec::new()),
+        Act::Leave => (f.try_end_event_mode(), Vec::new()),
+        Act::Activate(clock, time) => (f.activate(clock as c_int, f64::from(time)), Vec::new()),
+    }
+}
+
+fn acts() -> impl Strategy<Value = Vec<Act>> {
+    let clock = || 0..=SENT + 1;
+    let value = || prop_oneof![Just(0.0), Just(0.5), Just(-1.0), Just(f64::NAN), 0.0..3.0];
+    let set = prop_oneof![Just(MESSAGE), Just(OFFSET), Just(PERIOD), Just(INTERVAL), Just(COUNT)];
+    let asked = prop_oneof![clock(), SUM..=AT];
+    let one = prop_oneof![
+        4 => (clock(), clock(), 0..3u8, 0..2u8).prop_map(|(a, b, c, d)| Act::SetClocks([a, b], [c, d])),
+        2 => (clock(), 0..2u8).prop_map(|(clock, value)| Act::SetClocks([clock; 2], [value; 2])),
+        3 => (set, value()).prop_map(|(reference, value)| Act::Set(reference, value)),
+        1 => Just(Act::Evaluate),
+        4 => asked.prop_map(Act::Ask),
+        3 => clock().prop_map(Act::Interval),
+        1 => (clock(), value()).prop_map(|(clock, value)| Act::SetInterval(clock, value)),
+        2 => Just(Act::Update),
+        2 => Just(Act::Enter),
+        1 => Just(Act::Leave),
+        3 => (clock(), 0..9u8).prop_map(|(clock, time)| Act::Activate(clock, time)),
+    ];
+    vec(one, 0..40)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 100, failure_persistence: None, ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn saving_and_restoring_between_calls_changes_nothing(acts in acts()) {
+        for kind in [EVENTS, EXCHANGED[1], SCHEDULED] {
+            let (it, mut restored) = (started(kind), started(kind));
+            for one in &acts {
+                let bytes = restored.snapshot();
+                restored = new(kind, NODE);
+                restored.resume(&bytes);
+                let found = act(*restored, *one);
+                let expected = act(*it, *one);
+                prop_assert_eq!(found.0, expected.0, "{:?}: {:?}", one, it.messages().pop());
+                let is_same = found.1.iter().zip(&expected.1).all(|(a, b)| a.to_bits() == b.to_bits());
+                prop_assert!(found.0 != OK || is_same, "{:?}: {:?}", one, (found, expected));
+            }
+        }
+    }
 }
