@@ -3,16 +3,22 @@
 
 use std::thread;
 
+use fmi_abi::FmiFunction;
 use fmi_abi::fmi3::{
     fmi3Clock, fmi3IntervalChanged, fmi3IntervalNotYetKnown, fmi3IntervalQualifier,
     fmi3IntervalUnchanged,
 };
-use fmu_description::{StateError, StateReader, StateWriter};
+use fmi_abi::state::State;
+use fmu_description::{Number, StateError, StateReader, StateWriter};
 
 use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure, refused};
 use crate::instance::{ClockUpdate, EventUpdate, Instance};
 use crate::model_clocks::Instant;
+
+/// Whether the host asks for clocks after an activation, until the next one: it cannot call a component in a callback.
+pub(crate) const UPDATES_AFTERWARDS: bool =
+    cfg!(all(target_arch = "wasm32", not(feature = "sources")));
 
 /// What the clocks of a model do. A model without clocks has none of it in its binary.
 pub(crate) trait Clocks: Sync {
@@ -36,6 +42,15 @@ pub(crate) trait Clocks: Sync {
     /// Whether an activation has news for the host: an output clock has ticked, or an interval is known.
     fn has_update(&self, _instance: &mut Instance) -> bool {
         false
+    }
+
+    /// The state that a call finds: on a thread that is told of news about clocks, clock update mode.
+    fn state(&self, instance: &Instance, call: &FmiFunction) -> State {
+        let is_over = UPDATES_AFTERWARDS && call.is_allowed(State::ClockActivation);
+        match instance.shared.lifecycle.state {
+            State::ClockActivation if !is_over && instance.is_updating() => State::ClockUpdate,
+            state => state,
+        }
     }
 
     fn set_interval(&self, _: &mut Instance, _: u32, _interval: f64) -> Result<(), ModelError> {
@@ -128,7 +143,11 @@ impl Instance {
         clock: u32,
         time: f64,
     ) -> Result<(), ModelError> {
-        ensure!(time.is_finite(), "the activation time is {time:?}; expected a finite number");
+        ensure!(
+            time.is_finite(),
+            "the activation time is {:?}; expected a finite number",
+            Number(time)
+        );
         self.clocks()?.activate(self, clock, time).map_err(ModelError::not_discarded)
     }
 
@@ -147,6 +166,12 @@ impl Instance {
         if let Some(place) = self.shared.updating.iter().rposition(|thread| *thread == own) {
             self.shared.updating.remove(place);
         }
+    }
+
+    /// Whether the host is told of news about clocks on this thread.
+    fn is_updating(&self) -> bool {
+        let updating = &self.shared.updating;
+        !updating.is_empty() && updating.contains(&thread::current().id())
     }
 
     pub(crate) fn get_clock(

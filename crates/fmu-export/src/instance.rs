@@ -6,7 +6,7 @@ use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
-use std::thread::{self, ThreadId};
+use std::thread::ThreadId;
 
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FmiVersion};
@@ -231,8 +231,8 @@ impl Instance {
         call: &FmiFunction,
         operation: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
-        let (instance_type, state) = (self.shared.lifecycle.instance_type, self.state());
-        if let Some(why) = instance_type.lacks(call, self.shared.clocks.is_some()) {
+        let (instance_type, state) = (self.shared.lifecycle.instance_type, self.state(call));
+        if let Some(why) = instance_type.lacks(call) {
             return self.refuse(call, why);
         }
         if !call.is_allowed(state) {
@@ -245,13 +245,10 @@ impl Instance {
         }
     }
 
-    /// The state that a call finds: on a thread that is told of news about clocks, clock update mode.
-    fn state(&self) -> State {
-        let Shared { lifecycle, updating, .. } = &self.shared;
-        let is_updating = lifecycle.state == State::ClockActivation
-            && !updating.is_empty()
-            && updating.contains(&thread::current().id());
-        if is_updating { State::ClockUpdate } else { lifecycle.state }
+    /// The state that a call finds.
+    fn state(&self, call: &FmiFunction) -> State {
+        let clocks = self.shared.clocks;
+        clocks.map_or(self.shared.lifecycle.state, |clocks| clocks.state(self, call))
     }
 
     /// Logs why a call failed.

@@ -96,10 +96,8 @@ impl InstanceType {
     }
 
     /// Why an instance of this type does not have a function; `None` if it does.
-    pub(crate) fn lacks(self, call: &FmiFunction, has_clocks: bool) -> Option<&'static str> {
+    pub(crate) fn lacks(self, call: &FmiFunction) -> Option<&'static str> {
         match (call.group, self) {
-            (FunctionGroup::Clocks, _) if !has_clocks => Some("the model has no clocks"),
-            (FunctionGroup::ScheduledExecution, _) if !has_clocks => Some(NOT_SCHEDULED),
             (FunctionGroup::CoSimulation, Self::ModelExchange) => {
                 Some("it is a function of co-simulation, but the instance is for model exchange")
             }
@@ -114,6 +112,13 @@ impl InstanceType {
             }
             (FunctionGroup::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
                 Some("it is a function of model exchange, but the instance is for co-simulation")
+            }
+            (_, Self::ScheduledExecution)
+                if call.is_allowed(State::Event)
+                    && !call.is_allowed(State::Initialization)
+                    && !call.is_allowed(State::ClockActivation) =>
+            {
+                Some("it is a function of event mode, but the instance is for scheduled execution")
             }
             (FunctionGroup::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
                 Some("the instance was created without event mode: eventModeUsed was false")

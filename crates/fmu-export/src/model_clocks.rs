@@ -690,7 +690,7 @@ impl Clocks for ModelClocks {
             return refused!("{} is a clocked variable: {why} ({clocks})", scalar.name());
         }
         match state {
-            State::Event => Self::begin_change(instance),
+            State::Event | State::EventReconfiguration => Self::begin_change(instance),
             _ => Ok(()),
         }
     }
@@ -746,13 +746,18 @@ impl Clocks for ModelClocks {
         Ok(())
     }
 
+    /// What another activation has told, it does not tell again.
     fn has_update(&self, instance: &mut Instance) -> bool {
-        let (model, clocks) = Self::parts(instance);
-        clocks.iter().any(|scalar| {
+        let Instance { shared, model } = instance;
+        let Instant { clocks, previous, .. } = &shared.instant;
+        clocks.iter().zip(previous).any(|(scalar, previous)| {
             let clock = clock_of(model, scalar);
             let is_countdown =
                 type_of(scalar).interval_variability == IntervalVariability::Countdown;
-            !is_input(scalar) && clock.is_active() || is_countdown && clock.is_new()
+            match is_input(scalar) {
+                true => is_countdown && clock.is_new() && !previous.is_new(),
+                false => clock.is_active() && !previous.is_active(),
+            }
         })
     }
 

@@ -5,6 +5,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fmi_abi::FmiFunction;
+use fmi_abi::fmi3::fmi3PreemptionCallback;
 use fmu_description::LogCategory;
 
 use crate::instance::Status;
@@ -12,8 +13,8 @@ use crate::log::Log;
 
 /// Lets one call at a time use an instance.
 pub(crate) struct Preemption {
-    lock: Box<dyn Fn()>,
-    unlock: Box<dyn Fn()>,
+    lock: Option<fmi3PreemptionCallback>,
+    unlock: Option<fmi3PreemptionCallback>,
     /// Whether a call uses the instance.
     is_in_use: AtomicBool,
     /// Not the log of the instance, which may be in use.
@@ -22,7 +23,11 @@ pub(crate) struct Preemption {
 
 impl Preemption {
     /// By the callbacks of the host, which are allowed on any thread.
-    pub(crate) fn new(lock: Box<dyn Fn()>, unlock: Box<dyn Fn()>, log: Log) -> Box<Self> {
+    pub(crate) fn new(
+        lock: Option<fmi3PreemptionCallback>,
+        unlock: Option<fmi3PreemptionCallback>,
+        log: Log,
+    ) -> Box<Self> {
         Box::new(Self { lock, unlock, is_in_use: AtomicBool::new(false), log })
     }
 
@@ -32,7 +37,7 @@ impl Preemption {
         call: &FmiFunction,
         operation: &mut dyn FnMut() -> Status,
     ) -> Status {
-        (self.lock)();
+        call_back(self.lock);
         let status = match self.is_in_use.swap(true, Ordering::Acquire) {
             false => {
                 let status = operation();
@@ -48,12 +53,20 @@ impl Preemption {
                 Status::Error
             }
         };
-        (self.unlock)();
+        call_back(self.unlock);
         status
     }
 
     /// Whether a call uses the instance.
     pub(crate) fn is_in_use(&self) -> bool {
         self.is_in_use.load(Ordering::Acquire)
+    }
+}
+
+/// Calls the host, if it has the function.
+fn call_back(function: Option<fmi3PreemptionCallback>) {
+    if let Some(function) = function {
+        // SAFETY: the host provides this function.
+        unsafe { function() };
     }
 }

@@ -22,11 +22,12 @@ use fmu_description::{Type, Value};
 
 use super::instantiate;
 use crate::any_model::SolverVector;
+use crate::clocks::UPDATES_AFTERWARDS;
 use crate::entry::Entry;
 use crate::error::ModelError;
 use crate::fast::{self, call, free, head, instance_at};
 use crate::instance::{ClockUpdate, Edge, Instance, IntermediateUpdate, Settings, Status};
-use crate::lifecycle::InstanceType;
+use crate::lifecycle::{InstanceType, NOT_SCHEDULED};
 use crate::log::{Log, Sink};
 use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
 use crate::preemption::Preemption;
@@ -149,21 +150,12 @@ pub unsafe fn instantiate_scheduled_execution(
     let log = || Log::new(sink(environment, log_message), logging_on != fmi3False);
     // SAFETY: the caller's promise.
     let [name, token, path] = unsafe { [text(name), text(token), text(resources)] };
-    let [lock, unlock] = [lock_preemption, unlock_preemption].map(|function| {
-        let call_back = move || {
-            if let Some(function) = function {
-                // SAFETY: the host provides this function.
-                unsafe { function() }
-            }
-        };
-        Box::new(call_back) as Box<dyn Fn()>
-    });
     let settings = Settings {
         clock_update: clock_update.map(|function| {
             // SAFETY: the host provides this function for this environment.
             Rc::new(move || unsafe { function(environment) }) as ClockUpdate
         }),
-        preemption: Some(Preemption::new(lock, unlock, log())),
+        preemption: Some(Preemption::new(lock_preemption, unlock_preemption, log())),
         ..Settings::new(&EDGE, log(), Folder::named(FmiVersion::Fmi3, path))
     };
     let (function, instance_type) =
@@ -231,9 +223,6 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     fmi3Status(status as c_int)
 }
 
-/// Whether the host asks for clocks after an activation, until the next one: it cannot call a component in a callback.
-const UPDATES_AFTERWARDS: bool = cfg!(all(target_arch = "wasm32", not(feature = "sources")));
-
 /// Ends an update of clocks, also if the instance has failed in it.
 fn end_clock_update(instance: &mut Instance) -> Status {
     instance.end_clock_update();
@@ -247,27 +236,41 @@ exported! { ScheduledExecution
         clock: u32,
         time: f64,
     ) -> fmi3Status {
-        let (operation, mut update) = (&calls::fmi3ActivateModelPartition, None);
         // SAFETY: the host's promises, as for all entry points.
         let status = unsafe {
-            call(instance, operation, |instance| {
-                if UPDATES_AFTERWARDS {
-                    instance.end_clock_update();
-                }
-                instance.activate_model_partition(clock, time)?;
-                update = instance.begin_clock_update();
-                Ok(())
-            })
+            match head(instance).and_then(|head| head.vtable.clock_functions) {
+                Some(functions) => (functions.activate)(instance, clock, time),
+                None => fast::refuse(instance, &calls::fmi3ActivateModelPartition, NOT_SCHEDULED),
+            }
         };
+        fmi3Status(status as c_int)
+    }
+}
+
+/// Computes a model partition, and tells the host of news about clocks.
+///
+/// # Safety
+/// The host's promises, as for all entry points.
+unsafe fn activate(instance: fmi3Instance, clock: u32, time: f64) -> Status {
+    let (operation, mut update) = (&calls::fmi3ActivateModelPartition, None);
+    // SAFETY: the caller's promises.
+    unsafe {
+        let status = call(instance, operation, |instance| {
+            if UPDATES_AFTERWARDS {
+                instance.end_clock_update();
+            }
+            instance.activate_model_partition(clock, time)?;
+            update = instance.begin_clock_update();
+            Ok(())
+        });
         // The host may call functions of the instance, which no call uses now.
         if let Some(update) = update {
             update();
             if !UPDATES_AFTERWARDS {
-                // SAFETY: as above.
-                unsafe { fast::use_instance(instance, operation, &mut end_clock_update) };
+                fast::use_instance(instance, operation, &mut end_clock_update);
             }
         }
-        fmi3Status(status as c_int)
+        status
     }
 }
 

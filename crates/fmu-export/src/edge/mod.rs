@@ -157,6 +157,7 @@ macro_rules! clock_functions {
         /// The functions of models with clocks, under the names of their operations.
         pub(crate) struct ClockFunctions {
             $($operation: unsafe extern "C" fn(fmi3Instance, $(c_type!($kind)),*) -> fmi3Status,)*
+            activate: unsafe fn(fmi3Instance, u32, f64) -> Status,
         }
 
         /// All of them.
@@ -170,6 +171,7 @@ macro_rules! clock_functions {
                 }
                 $operation
             },)*
+            activate,
         };
     };
 }

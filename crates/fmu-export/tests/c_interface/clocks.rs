@@ -176,14 +176,84 @@ const LENGTH: u32 = 2;
 const NEW: u32 = 5;
 const EVENTS_OF_FUSE: u32 = 6;
 
+/// Passes on what arrives
+#[derive(Variables, Default)]
+#[rustfmt::skip]
+struct Port {
+    /** something arrives */ #[input] arrived: Clock,
+    /** what */ #[input(clocks(arrived))] value: f64,
+    /** it leaves */ #[output] left: Clock,
+}
+
+/// Has clocks in nested structs, and state that cannot be saved
+#[derive(Model)]
+#[model(clocked)]
+struct Ports {
+    #[nested]
+    ports: [Port; 2],
+    /// number of elements in use
+    #[structural_parameter(tunable, start = 1, max = 2)]
+    n: u64,
+    /// sums
+    #[output(size = n)]
+    sums: [f64; 2],
+    /// number of ticks
+    #[output]
+    ticks: i32,
+}
+
+impl Clocked for Ports {
+    fn tick(&mut self, _time: f64) -> Result<(), ModelError> {
+        self.ticks += 1;
+        for (port, sum) in self.ports.iter_mut().zip(&mut self.sums[..self.n as usize]) {
+            if port.arrived.is_active() {
+                *sum += port.value;
+                port.left = Clock::TICK;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Counts outside of what is saved
+#[derive(Model)]
+#[model(clocked)]
+struct Unsaved {
+    /// ticks
+    #[input]
+    clock: Clock,
+    /// number of ticks
+    #[output]
+    count: f64,
+    /// something
+    #[input]
+    u: f64,
+    #[unsaved]
+    ticks: u32,
+}
+
+impl Clocked for Unsaved {
+    fn tick(&mut self, _time: f64) -> Result<(), ModelError> {
+        self.ticks += 1;
+        self.count = f64::from(self.ticks);
+        Ok(())
+    }
+}
+
 const N: usize = table_size::<Node>();
 const M: usize = table_size::<Fuse>();
-static MODELS: [Entry; 2] = [
+const P: usize = table_size::<Ports>();
+const Q: usize = table_size::<Unsaved>();
+static MODELS: [Entry; 4] = [
     Entry::new::<Node, N>(interface::<Node, N>(None), &[]),
     Entry::new::<Fuse, M>(interface::<Fuse, M>(None), &[]),
+    Entry::new::<Ports, P>(interface::<Ports, P>(None), &[]),
+    Entry::new::<Unsaved, Q>(interface::<Unsaved, Q>(None), &[]),
 ];
 const NODE: usize = 0;
 const FUSE: usize = 1;
+const PORTS: usize = 2;
+const UNSAVED: usize = 3;
 /// The kinds in which a host ticks clocks in event mode.
 const EVENTFUL: [Kind; 2] = [EVENTS, EXCHANGED[1]];
 
@@ -618,6 +688,46 @@ fn a_state_contains_the_instant() {
 }
 
 #[test]
+fn nested_structs_have_clocks_of_their_own() {
+    let it = new(EVENTS, PORTS);
+    it.start(0.0, None);
+    // Each port has three variables.
+    ok([it.set_clocks(&[3], &[1]), it.set(4, 2.0)]);
+    it.refuses(
+        "ports[1].value is a clocked variable: none of its clocks is active (ports[1].arrived)",
+        |f| f.set(1, 2.0),
+    );
+    assert_eq!(active(*it, [2, 5]), [0, 0], "one element is in use");
+    // The size changes at the instant, which is evaluated again.
+    ok([it.enter_configuration_mode(), it.set_u64(&[6], &[2]), it.exit_configuration_mode()]);
+    ok([it.set_clocks(&[0], &[1]), it.set(1, 1.0)]);
+    assert_eq!(active(*it, [2, 5]), [1, 1]);
+    assert_eq!(it.get_all(Type::Float64, &[7], 2).1, [1.0, 2.0]);
+    it.update();
+    assert_eq!(it.read(Type::Int32, [9]), [1.0]);
+    let it = new(SCHEDULED, PORTS);
+    it.start(0.0, None);
+    it.refuses("clock ports[2].left: it is an output", |f| f.activate(5, 0.0));
+    ok([it.set(1, 3.0), it.activate(0, 0.0)]);
+    assert_eq!(it.get_all(Type::Float64, &[7], 1).1, [3.0]);
+}
+
+#[test]
+fn a_tick_that_cannot_be_taken_back_is_not_repeated() {
+    let it = new(EVENTS, UNSAVED);
+    it.start(0.0, None);
+    ok([it.set_clocks(&[0], &[1]), it.set(2, 1.0)]);
+    assert_eq!(it.get([1]), [1.0]);
+    let words = "the model has fields that cannot be saved, so that a tick cannot be repeated";
+    it.fails(ERROR, words, |f| f.set(2, 2.0));
+    it.fails(ERROR, words, |f| f.set_clocks(&[0], &[0]));
+    it.update();
+    ok([it.set(2, 2.0), it.set_clocks(&[0], &[1])]);
+    it.update();
+    assert_eq!(it.get([1]), [2.0]);
+}
+
+#[test]
 fn event_mode_is_needed_in_co_simulation() {
     for model in [NODE, FUSE] {
         let it = new(PLAIN[1], model);
@@ -706,6 +816,23 @@ fn ticks_and_countdowns_are_told_in_clock_update_mode() {
     it.refuses("it is allowed in: initialization mode, clock update mode", |f| {
         f.get_clocks(&[SENT], &mut [0])
     });
+}
+
+#[test]
+fn another_partition_may_preempt_the_update_of_clocks() {
+    let it = started(SCHEDULED);
+    it.on_clock_update(|f| {
+        let address = f.c as usize;
+        let other = std::thread::spawn(move || {
+            let f = Fmu { kind: SCHEDULED, c: address as *mut _ };
+            ok([f.set(MESSAGE, 2.0), f.activate(RECEIVED as c_int, 0.5)]);
+            f.get([SUM])
+        });
+        assert_eq!(other.join().unwrap(), [2.0]);
+        assert_eq!(active(f, [SENT]), [1]);
+        assert_eq!(f.activate(RECEIVED as c_int, 1.0), ERROR);
+    });
+    ok([it.activate(SAMPLE as c_int, 0.0), it.activate(RECEIVED as c_int, 1.0)]);
 }
 
 #[test]

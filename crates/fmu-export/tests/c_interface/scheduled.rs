@@ -202,7 +202,7 @@ fn an_instance_has_the_functions_of_its_interface_type() {
         |f| f.step(0.0, 0.1),
     );
     it.refuses("it is a function of model exchange, but the instance is", |f| f.set_time(0.0));
-    it.refuses("not allowed in the state \"clock activation mode\"", |f| f.enter_event_mode());
+    it.refuses("it is a function of event mode, but the instance is", |f| f.enter_event_mode());
     it.refuses("not allowed in the state \"clock activation mode\"", |f| {
         f.exit_initialization_mode()
     });
