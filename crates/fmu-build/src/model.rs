@@ -139,7 +139,12 @@ pub fn omitted(
         version.as_str(),
         model.name
     );
-    Ok((!names.is_empty()).then_some(names))
+    let consequence = match (version, model.is_clocked) {
+        (FmiVersion::Fmi2, true) => "; without clocks, it never acts",
+        (FmiVersion::Fmi2, false) if model.has_clocks() => "; its clocks never tick",
+        _ => "",
+    };
+    Ok((!names.is_empty()).then(|| names + consequence))
 }
 
 /// A variant of a model: another name, and other start values.
@@ -214,7 +219,7 @@ fn has_start(variable: &Variable) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use fmu_description::{Naming, xml};
+    use fmu_description::{Naming, Type, xml};
 
     use super::*;
 
@@ -367,6 +372,28 @@ mod tests {
         let refusal = omitted(&variant, FmiVersion::Fmi2, true).unwrap_err();
         assert!(refusal.starts_with("--set key=00 cannot be used: FMI 2.0"), "{refusal}");
         assert_eq!(omitted(&variant, FmiVersion::Fmi3, true), Ok(None));
+    }
+
+    #[test]
+    fn clocks_and_what_they_change_are_left_out_together() {
+        let variable = |name: &str, of_type, clocks| Variable {
+            name: name.into(),
+            of_type,
+            clocks,
+            ..Variable::default()
+        };
+        let variables =
+            vec![variable("tick", Type::Clock, vec![]), variable("y", Type::Float64, vec![0])];
+        for (is_clocked, end) in
+            [(true, "without clocks, it never acts"), (false, "its clocks never tick")]
+        {
+            let model = ExportedModel { is_clocked, variables: variables.clone(), ..model() };
+            let left_out = omitted(&model, FmiVersion::Fmi2, &Variant::default(), true).unwrap();
+            let expected = format!("tick (a Clock), y (changes at the ticks of a Clock); {end}");
+            assert_eq!(left_out, Some(expected));
+            let refusal = omitted(&model, FmiVersion::Fmi2, &Variant::default(), false);
+            assert!(refusal.unwrap_err().to_string().contains("tick (a Clock)"));
+        }
     }
 
     #[test]
