@@ -80,7 +80,11 @@ impl<'a> PlatformBinary<'a> {
             self.models.iter().any(|known| known.guid == *guid),
             "it does not contain the model {name} with the GUID {guid}; was it built from another version?"
         );
-        for interface_type in InterfaceType::ALL {
+        // FMI 2.0 has no scheduled execution.
+        let is_possible = |it: &InterfaceType| {
+            version == FmiVersion::Fmi3 || *it != InterfaceType::ScheduledExecution
+        };
+        for interface_type in InterfaceType::ALL.into_iter().filter(is_possible) {
             ensure!(
                 !model.is_for(interface_type)
                     || has_functions(&self.bytes, version, interface_type),

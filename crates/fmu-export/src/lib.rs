@@ -73,6 +73,8 @@
     ),
     allow(
         dead_code,
+        unused_imports,
+        unused_macros,
         reason = "what only the other version of FMI or the other interface type uses"
     )
 )]
