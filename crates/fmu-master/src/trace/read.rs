@@ -267,8 +267,8 @@ impl Trace {
             let component = self.components.iter().position(|component| component.name == name);
             let component = component.with_context(|| format!("no component {name:?}"))?;
             let function = line.get("function").and_then(Value::as_str).context("no function")?;
-            let of_component = self.waiting.iter().filter(|call| call.component == component);
-            let open = of_component.filter(|call| call.status.is_none()).next_back();
+            let is_open = |call: &&TracedCall| call.component == component && call.status.is_none();
+            let open = self.waiting.iter().rfind(is_open);
             let mut call = TracedCall {
                 within: open.map(|call| call.number),
                 number,
