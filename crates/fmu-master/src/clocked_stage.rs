@@ -54,6 +54,8 @@ pub(crate) struct InputClock {
     pub(crate) priority: u32,
     /// When the input table ticks it (s), if it is a triggered clock.
     pub(crate) given: Vec<f64>,
+    /// The triggered clocks that tick with it: the number of the member, and the value reference.
+    pub(crate) targets: Vec<(usize, u32)>,
 }
 
 impl InputClock {
@@ -72,8 +74,16 @@ impl InputClock {
 /// A clock that the FMU ticks.
 pub(crate) struct OutputClock {
     pub(crate) reference: u32,
-    /// The triggered clocks that tick with it: the number of the member, and the value reference.
+    /// As those of an input clock.
     pub(crate) targets: Vec<(usize, u32)>,
+}
+
+impl Member {
+    /// The clocks, by value reference, with the triggered clocks that tick with them.
+    pub(crate) fn triggers(&self) -> impl Iterator<Item = (u32, &[(usize, u32)])> {
+        let inputs = self.inputs.iter().map(|clock| (clock.reference, &*clock.targets));
+        inputs.chain(self.outputs.iter().map(|clock| (clock.reference, &*clock.targets)))
+    }
 }
 
 impl ClockedStage {
@@ -146,14 +156,15 @@ impl ClockedStage {
                 recorded: wiring.recorded_clocks[component].clone(),
             });
         }
-        check_triggers(description, components, triggers, table)?;
+        check_triggers(description, components, connections, triggers, table)?;
         let mut stepping = Vec::from_iter(0..members.len());
         stepping.sort_by_key(|member| !components[clocked[*member]].fmu.may_return_early);
         Ok(Some(Self { members, stepping }))
     }
 }
 
-/// The clocks of a component that its FMU and the master tick; `targets` are the triggered clocks of output clocks.
+/// The clocks of a component that its FMU and the master tick; `targets` are the triggered clocks that tick
+/// with others.
 fn clocks(
     component: usize,
     loaded: &LoadedComponent,
@@ -170,6 +181,7 @@ fn clocks(
     for scalar in 0..loaded.fmu.scalars.len() {
         let variable = loaded.fmu.variable(scalar);
         let (Some(of_type), reference) = (variable.clock, variable.reference) else { continue };
+        let targets = targets.get(&ScalarId { component, scalar }).cloned();
         match variable.causality {
             Causality::Input => {
                 let name = loaded.name_of(scalar);
@@ -177,10 +189,10 @@ fn clocks(
                 let priority = of_type.priority.unwrap_or(u32::MAX);
                 let given = table.map(|table| table.ticks(ScalarId { component, scalar }));
                 let given = given.unwrap_or_default();
-                inputs.push(InputClock { reference, name, of_type, priority, given });
+                let targets = targets.unwrap_or_default();
+                inputs.push(InputClock { reference, name, of_type, priority, given, targets });
             }
             Causality::Output => {
-                let targets = targets.get(&ScalarId { component, scalar }).cloned();
                 // In scheduled execution, the FMU says only once that a clock ticks.
                 if loaded.fmu.is_scheduled() || targets.is_some() || used.contains(&reference) {
                     let targets = targets.unwrap_or_default();
@@ -256,14 +268,16 @@ fn check_way_of_running(
 }
 
 /// Checks that every triggered clock of a system may tick at some time: something must tick it that does not only tick
-/// because it has ticked itself. Clocks whose start value is false are meant never to tick, and a single FMU may be run
-/// with such clocks.
+/// because it has ticked itself. Clocks whose start value is false are meant never to tick, and so are those of terminals of
+/// networks that are not connected; a single FMU may be run with such clocks.
 fn check_triggers(
     description: &Description,
     components: &[LoadedComponent],
+    connections: &[ResolvedConnection],
     triggers: &[ResolvedConnection],
     table: Option<&InputTable>,
 ) -> Result<()> {
+    let unused = unused_ports(components, connections, triggers);
     let sources: HashMap<ScalarId, ScalarId> = triggers.iter().map(|t| (t.to, t.from)).collect();
     let triggered = Vec::from_iter(triggered(components));
     for id in &triggered {
@@ -276,7 +290,11 @@ fn check_triggers(
             id.name(components)
         );
         ensure!(
-            sources.contains_key(id) || is_given(table, id) || is_meant || description.is_single,
+            sources.contains_key(id)
+                || is_given(table, id)
+                || is_meant
+                || unused.contains(id)
+                || description.is_single,
             "nothing ticks {}: it is a triggered clock, expected a connection from an output clock, a column of the input table, or the start value false if it is never to tick",
             id.name(components)
         );
@@ -309,9 +327,32 @@ fn check_triggers(
     )
 }
 
+/// The variables of the terminals of networks of which none is connected.
+fn unused_ports(
+    components: &[LoadedComponent],
+    connections: &[ResolvedConnection],
+    triggers: &[ResolvedConnection],
+) -> HashSet<ScalarId> {
+    let ends = connections.iter().chain(triggers).flat_map(|each| [each.from, each.to]);
+    let connected = HashSet::<ScalarId>::from_iter(ends);
+    let mut unused = HashSet::new();
+    for (component, loaded) in components.iter().enumerate() {
+        let terminals = loaded.fmu.terminals().unwrap_or_default();
+        for terminal in terminals.iter().filter(|terminal| terminal.is_network()) {
+            let found = terminal.variables().filter_map(|name| loaded.fmu.scalar(name).ok());
+            let port = Vec::from_iter(found.map(|scalar| ScalarId { component, scalar }));
+            if !port.iter().any(|id| connected.contains(id)) {
+                unused.extend(port);
+            }
+        }
+    }
+    unused
+}
+
 /// The triggered clocks of the components that nothing ticks, though nothing says that they are never to tick.
 pub(crate) fn note(
     components: &[LoadedComponent],
+    connections: &[ResolvedConnection],
     triggers: &[ResolvedConnection],
     table: Option<&InputTable>,
 ) -> Option<Note> {
@@ -319,8 +360,13 @@ pub(crate) fn note(
     let is_meant = |id: &ScalarId| {
         components[id.component].starts.iter().any(|(scalar, _)| *scalar == id.scalar)
     };
-    let idle = triggered(components).filter(|id| !is_ticked(id) && !is_meant(id));
-    let names = Vec::from_iter(idle.map(|id| id.name(components)));
+    let mut idle =
+        Vec::from_iter(triggered(components).filter(|id| !is_ticked(id) && !is_meant(id)));
+    if !idle.is_empty() {
+        let unused = unused_ports(components, connections, triggers);
+        idle.retain(|id| !unused.contains(id));
+    }
+    let names = Vec::from_iter(idle.iter().map(|id| id.name(components)));
     (!names.is_empty()).then_some(Note::NeverTick(names))
 }
 

@@ -80,13 +80,16 @@ fn between_terminals(
         let (one, other) = (one?, other?);
         // A clock that the master ticks feeds one that ticks with it.
         let is_source = |id: ScalarId| {
-            let Variable { causality, clock, .. } = id.variable(components);
-            *causality == Causality::Output
-                || clock.is_some_and(|c| c.interval_variability.is_time_based())
+            let variable = id.variable(components);
+            variable.causality == Causality::Output || is_time_based(variable)
         };
         Ok(if is_source(one) { (one, other) } else { (other, one) })
     };
     pairs.into_iter().map(connected).collect::<Result<_>>().map(Some)
+}
+
+fn is_time_based(variable: &Variable) -> bool {
+    variable.clock.is_some_and(|clock| clock.interval_variability.is_time_based())
 }
 
 /// Checks that every connection leads from an output to a matching input, and that no input is connected twice.
@@ -116,8 +119,10 @@ fn check(components: &[LoadedComponent], connections: &[ResolvedConnection]) -> 
                 [Causality::Input, Causality::Output] => format!("; did you mean {b} -> {a}?"),
                 _ => String::new(),
             };
+            // The master ticks a time-based clock, and a triggered clock that is connected to it.
+            let is_ticked = expected == Causality::Output && is_time_based(variable);
             ensure!(
-                actual == expected,
+                actual == expected || is_ticked,
                 "{name} is connected as {}, but is {}{hint}",
                 with_article(expected),
                 with_article(actual)

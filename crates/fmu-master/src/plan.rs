@@ -212,7 +212,7 @@ impl Plan {
             notes: notes(&components, &recorded)
                 .into_iter()
                 .chain(experiment.note()?)
-                .chain(clocked_stage::note(&components, &triggers, input.as_ref()))
+                .chain(clocked_stage::note(&components, &connections, &triggers, input.as_ref()))
                 .chain(
                     (is_threaded && batches.iter().all(|b| b.len() < 2))
                         .then_some(Note::StepsOneByOne),

@@ -40,6 +40,16 @@ fn add(terminal: &Element<'_>, outer: &str, all: &mut Vec<Terminal>) {
 }
 
 impl Terminal {
+    /// Whether it is the terminal of a network.
+    pub(crate) fn is_network(&self) -> bool {
+        self.matching_rule == TRANSCEIVER
+    }
+
+    /// The names of its variables.
+    pub(crate) fn variables(&self) -> impl Iterator<Item = &str> {
+        self.members.iter().map(|(_, variable)| &**variable)
+    }
+
     /// The variables of this terminal and of another one that are connected with each other, in any direction.
     ///
     /// # Errors

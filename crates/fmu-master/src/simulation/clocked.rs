@@ -244,7 +244,7 @@ impl Simulation<'_> {
         waiting.min().map(|(_, _, number)| number)
     }
 
-    /// Evaluates a member, and ticks the triggered clocks of its output clocks that tick.
+    /// Evaluates a member, and ticks the triggered clocks of its clocks that tick.
     fn evaluate(
         &mut self,
         stage: &ClockedStage,
@@ -261,12 +261,12 @@ impl Simulation<'_> {
         if let Some(clocks) = &mut component.clocks {
             see(&mut clocks.seen, member, &self.outputs);
         }
-        for clock in &member.outputs {
+        for (clock, targets) in member.triggers() {
             let clocks = &self.components[member.component].clocks;
-            if !clocks.as_ref().is_some_and(|c| c.active().contains(&clock.reference)) {
+            if !clocks.as_ref().is_some_and(|c| c.active().contains(&clock)) {
                 continue;
             }
-            for (target, reference) in &clock.targets {
+            for (target, reference) in targets {
                 let target = &stage.members[*target];
                 if let Some(clocks) = &mut self.components[target.component].clocks {
                     clocks.trigger(&target.inputs, *reference);
