@@ -290,6 +290,17 @@ impl Operation<'_> {
             Self::Wakeup => WAKEUP,
         }
     }
+
+    /// The identifier of its frame, if it has one.
+    pub const fn id(&self) -> Option<u32> {
+        match self {
+            Self::Transmit(frame) => Some(frame.id.value()),
+            Self::Confirm { id } | Self::ArbitrationLost { id } | Self::BusError { id, .. } => {
+                Some(*id)
+            }
+            _ => None,
+        }
+    }
 }
 
 /// The name that the standard gives the operation with a code.

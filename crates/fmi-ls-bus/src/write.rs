@@ -116,13 +116,13 @@ impl<'a> Operation<'a> {
     }
 
     fn parts(&self, room: usize) -> Result<(Head, &'a [u8]), WriteError> {
-        let name = operation_name(self.code()).unwrap_or_default();
+        let error = |problem| WriteError { code: self.code(), id: self.id(), problem };
         let data =
-            self.checked_data().map_err(|argument| WriteError::Argument { name, argument })?;
+            self.checked_data().map_err(|argument| error(WriteProblem::Argument(argument)))?;
         let head = Head::of(self, data.len());
         let length = head.length + data.len();
         if length > room {
-            return Err(WriteError::TooLong { name, length, room });
+            return Err(error(WriteProblem::TooLong { length, room }));
         }
         Ok((head, data))
     }
@@ -143,34 +143,42 @@ impl<'a> Operation<'a> {
     }
 }
 
+/// An operation that was not written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WriteError {
+    /// Its code.
+    pub code: u32,
+    /// The identifier of its frame, if it has one.
+    pub id: Option<u32>,
+    /// Why it was not written.
+    pub problem: WriteProblem,
+}
+
 /// Why an operation was not written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WriteError {
+pub enum WriteProblem {
     /// It does not fit.
     TooLong {
-        /// Name of the operation.
-        name: &'static str,
         /// Its length (bytes).
         length: usize,
         /// What is left of the buffer (bytes).
         room: usize,
     },
     /// An argument is not allowed.
-    Argument {
-        /// Name of the operation.
-        name: &'static str,
-        /// The argument.
-        argument: InvalidArgument,
-    },
+    Argument(InvalidArgument),
 }
 
 impl fmt::Display for WriteError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooLong { name, length, room } => {
-                write!(f, "{name} has {length} bytes, but its buffer has room for {room}")
+        write!(f, "{}", operation_name(self.code).unwrap_or_default())?;
+        if let Some(id) = self.id {
+            write!(f, " of frame {id:#x}")?;
+        }
+        match self.problem {
+            WriteProblem::TooLong { length, room } => {
+                write!(f, " has {length} bytes, but its buffer has room for {room}")
             }
-            Self::Argument { name, argument } => write!(f, "{name}: {argument}"),
+            WriteProblem::Argument(argument) => write!(f, ": {argument}"),
         }
     }
 }

@@ -73,11 +73,11 @@ fn what_the_tables_do_not_have_is_not_written() {
     for (frame, message) in [
         (
             Frame::can(Id::Extended(1 << 29), &[]),
-            "CAN Transmit: ID is 536870912, expected at most 29 bits",
+            "CAN Transmit of frame 0x20000000: ID is 536870912, expected at most 29 bits",
         ),
         (
             Frame::can_fd(Id::Standard(1), true, &[0; 9]),
-            "CAN FD Transmit: Data Length is 9, expected at most 8, or 12, 16, 20, 24, 32, 48 or 64",
+            "CAN FD Transmit of frame 0x1: Data Length is 9, expected at most 8, or 12, 16, 20, 24, 32, 48 or 64",
         ),
     ] {
         let error = Operation::Transmit(frame).append(&mut buffer, 2048).unwrap_err();
@@ -85,6 +85,9 @@ fn what_the_tables_do_not_have_is_not_written() {
     }
     let frame = Frame::can(Id::Standard(1), &[0; 8]);
     let error = Operation::Transmit(frame).append(&mut buffer, 20).unwrap_err();
-    assert_eq!(error.to_string(), "CAN Transmit has 24 bytes, but its buffer has room for 20");
+    assert_eq!(
+        error.to_string(),
+        "CAN Transmit of frame 0x1 has 24 bytes, but its buffer has room for 20"
+    );
     assert!(buffer.is_empty());
 }

@@ -97,8 +97,10 @@ proptest! {
                 prop_assert_eq!(operations(&buffer[..length]).next(), Some(Ok(operation)));
             }
             Err(error) => {
-                let WriteError::TooLong { name, length, room: left } = error else { panic!("{error}") };
-                prop_assert_eq!(Some(name), operation_name(operation.code()));
+                let WriteProblem::TooLong { length, room: left } = error.problem else {
+                    panic!("{error}")
+                };
+                prop_assert_eq!((error.code, error.id), (operation.code(), operation.id()));
                 prop_assert!(length > room && left == room);
                 prop_assert!(buffer.iter().all(|byte| *byte == 0));
                 prop_assert_eq!(operation.append(&mut buffer, room + left), Err(error));
