@@ -43,7 +43,7 @@ WITH_WASM = test -d "$$(rustc --print target-libdir --target wasm32-unknown-unkn
 
 .PHONY: help demo paper plot check test report fmus program module portable cross wasm sources page wheel bench \
 	lint optional system sandbox judge valgrind conformance elsewhere importers fuzz ssp picture microcontroller \
-	lock clean
+	can lock clean
 .DEFAULT_GOAL := demo
 
 help:
@@ -216,6 +216,11 @@ picture: page $(VENV)/.test
 microcontroller: fmus module sources $(VENV)/.test
 	$(MAKE) --no-print-directory -C examples/microcontroller run
 	$(RUN) examples/microcontroller/picture.py
+
+# can: run the loop of the paper over a CAN bus at many loads and losses, and draw it for docs/bus.md
+can: fmus module $(VENV)/.test
+	$(FMU) export --fmi 3.0 --package can --out target/examples
+	$(RUN) examples/can/picture.py
 
 # lock: write the versions of all Python packages to uv.lock; delete it first to upgrade
 lock: $(RUN)

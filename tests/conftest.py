@@ -141,6 +141,12 @@ def sensor(fmus: Path, export: Callable[..., Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
+def can(fmus: Path, export: Callable[..., Path]) -> Path:
+    """Export the example of a loop over a CAN bus; return its folder."""
+    return export(SENSOR.parent, "--package", "can", "--fmi", "3.0")
+
+
+@pytest.fixture(scope="session")
 def equations(fmus: Path, export: Callable[..., Path]) -> Path:
     """Export the examples of models with equations for both versions; return their folder."""
     return export(SENSOR.parent, "--package", "equations", "--fmi", "2.0,3.0")

@@ -115,8 +115,9 @@ def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> N
     (package / "src" / "lib.rs").write_text("#![allow(dead_code)]\n" + "".join(modules))
     with (package / "Cargo.toml").open("a") as manifest:
         manifest.write('[features]\ndefault = ["fmi"]\nfmi = []\n')
-        crate = ROOT / "crates" / "control-blocks"
-        manifest.write(f'[dependencies.control-blocks]\npath = "{crate}"\nfeatures = ["fmi"]\n')
+        for crate in ("control-blocks", "fmi-ls-bus"):
+            path = ROOT / "crates" / crate
+            manifest.write(f'[dependencies.{crate}]\npath = "{path}"\nfeatures = ["fmi"]\n')
     shell("cargo test", package)
 
 

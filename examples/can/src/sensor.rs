@@ -10,6 +10,9 @@ pub struct AngleSensor {
     /// Angle
     #[input(unit = "rad")]
     theta: f64,
+    /// Time when the last angle was sent
+    #[output(unit = "s", discrete, initially_from())]
+    sent: f64,
     /// Ticks every sample time
     #[input(calculated, interval = self.ts)]
     sample: Clock,
@@ -24,10 +27,11 @@ pub struct AngleSensor {
 }
 
 impl Clocked for AngleSensor {
-    fn tick(&mut self, _time: f64) -> Result<(), ModelError> {
+    fn tick(&mut self, time: f64) -> Result<(), ModelError> {
         self.can.receive();
         if self.sample.is_active() {
             self.can.transmit(Frame::can(Id::Standard(self.id), &self.theta.to_le_bytes()))?;
+            self.sent = time;
         }
         Ok(())
     }
