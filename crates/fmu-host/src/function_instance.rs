@@ -1,6 +1,6 @@
 //! Functions of this program as instances of FMI 3.0, which a host steps as it steps FMUs.
 
-use std::ffi::c_void;
+use std::ffi::{CStr, CString, c_void};
 use std::slice;
 use std::sync::Arc;
 
@@ -20,15 +20,17 @@ pub type StepFunction = Box<dyn FnMut(f64, f64, &mut [Value]) -> Result<(), Stri
 
 /// An instance whose step is a function.
 struct Running {
-    /// The values of the variables, which are Float64, Int64 or Boolean; a value reference is an index.
+    /// The values of the variables, which are Float64, Int64, Boolean, String or Binary; a value reference is an index.
     values: Vec<Value>,
+    /// The strings that were got last.
+    strings: Vec<CString>,
     step: StepFunction,
     environment: *mut c_void,
 }
 
 impl Instance {
     /// An instance of FMI 3.0 for co-simulation whose step is a function, with the start values of its variables,
-    /// which are Float64, Int64 or Boolean. The value reference of a variable is its index. `sink` receives the
+    /// which are Float64, Int64, Boolean, String or Binary. The value reference of a variable is its index. `sink` receives the
     /// errors; `observer` observes the calls. Other functions than those that a master needs are missing.
     pub fn of_function(
         values: Vec<Value>,
@@ -45,6 +47,10 @@ impl Instance {
             fmi3SetInt64: Some(set_int64),
             fmi3GetBoolean: Some(get_boolean),
             fmi3SetBoolean: Some(set_boolean),
+            fmi3GetString: Some(get_string),
+            fmi3SetString: Some(set_string),
+            fmi3GetBinary: Some(get_binary),
+            fmi3SetBinary: Some(set_binary),
             fmi3DoStep: Some(do_step),
             fmi3Terminate: Some(done),
             fmi3FreeInstance: Some(free_instance),
@@ -58,7 +64,8 @@ impl Instance {
             }
         };
         let registered = Registered::new(Arc::new(sink), None);
-        let running = Running { values, step, environment: registered.environment() };
+        let environment = registered.environment();
+        let running = Running { values, strings: Vec::new(), step, environment };
         let mut instance = Self::new(&Arc::new(library), registered, None);
         instance.handle.observer = observer;
         instance.handle.pointer = Box::into_raw(Box::new(running)).cast();
@@ -134,6 +141,105 @@ access! {
     get_float64 set_float64 Float64: f64::from, f64::from as f64;
     get_int64 set_int64 Int64: i64::from, i64::from as i64;
     get_boolean set_boolean Boolean: fmi3Boolean::from, is_true as fmi3Boolean;
+}
+
+/// # Safety
+/// The instance is one of a function, and both arrays have `n` elements.
+unsafe extern "C" fn get_string(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    values: *mut fmi3String,
+    _: usize,
+) -> fmi3Status {
+    // SAFETY: the caller's promise.
+    let (running, references, values) = unsafe {
+        let values = slice::from_raw_parts_mut(values, n);
+        (&mut *instance.cast::<Running>(), slice::from_raw_parts(references, n), values)
+    };
+    let text = |reference: &u32| match running.values.get(*reference as usize) {
+        Some(Value::String(text)) => CString::new(text.as_str()).unwrap_or_default(),
+        _ => CString::default(),
+    };
+    running.strings = references.iter().map(text).collect();
+    for (to, text) in values.iter_mut().zip(&running.strings) {
+        *to = text.as_ptr();
+    }
+    fmi3OK
+}
+
+/// # Safety
+/// As above; the strings end with a null byte.
+unsafe extern "C" fn set_string(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    values: *const fmi3String,
+    _: usize,
+) -> fmi3Status {
+    // SAFETY: the caller's promise.
+    let (running, references, values) = unsafe {
+        let values = slice::from_raw_parts(values, n);
+        (&mut *instance.cast::<Running>(), slice::from_raw_parts(references, n), values)
+    };
+    for (from, reference) in values.iter().zip(references) {
+        if let Some(Value::String(value)) = running.values.get_mut(*reference as usize) {
+            // SAFETY: the caller's promise.
+            *value = unsafe { CStr::from_ptr(*from) }.to_string_lossy().into_owned();
+        }
+    }
+    fmi3OK
+}
+
+/// # Safety
+/// The instance is one of a function, and the arrays have `n` elements.
+unsafe extern "C" fn get_binary(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    sizes: *mut usize,
+    values: *mut fmi3Binary,
+    _: usize,
+) -> fmi3Status {
+    // SAFETY: the caller's promise.
+    let (running, references, sizes, values) = unsafe {
+        let (sizes, values) =
+            (slice::from_raw_parts_mut(sizes, n), slice::from_raw_parts_mut(values, n));
+        (&*instance.cast::<Running>(), slice::from_raw_parts(references, n), sizes, values)
+    };
+    for ((to, size), reference) in values.iter_mut().zip(sizes).zip(references) {
+        if let Some(Value::Binary(bytes)) = running.values.get(*reference as usize) {
+            (*to, *size) = (bytes.as_ptr(), bytes.len());
+        }
+    }
+    fmi3OK
+}
+
+/// # Safety
+/// As above; each value has as many bytes as its size says.
+unsafe extern "C" fn set_binary(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    sizes: *const usize,
+    values: *const fmi3Binary,
+    _: usize,
+) -> fmi3Status {
+    // SAFETY: the caller's promise.
+    let (running, references, sizes, values) = unsafe {
+        let (sizes, values) = (slice::from_raw_parts(sizes, n), slice::from_raw_parts(values, n));
+        (&mut *instance.cast::<Running>(), slice::from_raw_parts(references, n), sizes, values)
+    };
+    for ((from, size), reference) in values.iter().zip(sizes).zip(references) {
+        if let Some(Value::Binary(value)) = running.values.get_mut(*reference as usize) {
+            value.clear();
+            if *size > 0 {
+                // SAFETY: the caller's promise.
+                value.extend_from_slice(unsafe { slice::from_raw_parts(*from, *size) });
+            }
+        }
+    }
+    fmi3OK
 }
 
 fn is_true(value: fmi3Boolean) -> bool {

@@ -27,7 +27,7 @@ pub struct Signature {
 pub struct Argument {
     /// Its name.
     pub name: String,
-    /// Its type: `Float64`, `Int64` or `Boolean`.
+    /// Its type: `Float64`, `Int64`, `Boolean`, `String` or `Binary`.
     pub of_type: String,
     /// Its unit; empty if it has none.
     pub unit: String,
@@ -89,8 +89,10 @@ impl Function {
                     "Float64" => Value::Float64(0.0),
                     "Int64" => Value::Int64(0),
                     "Boolean" => Value::Boolean(false),
+                    "String" => Value::String(String::new()),
+                    "Binary" => Value::Binary(Vec::new()),
                     other => bail!(
-                        "type of {component}.{name}: {other:?}, expected \"Float64\", \"Int64\" or \"Boolean\""
+                        "type of {component}.{name}: {other:?}, expected \"Float64\", \"Int64\", \"Boolean\", \"String\" or \"Binary\""
                     ),
                 };
                 let of_type = start.of_type();
@@ -158,7 +160,10 @@ impl Function {
 /// A value in the type of an output; `None` if it is of another kind.
 fn fitting(of_type: Type, value: &Value) -> Option<Value> {
     match of_type {
-        Type::Boolean => (value.of_type() == Type::Boolean).then(|| value.clone()),
+        Type::Boolean | Type::String | Type::Binary => {
+            let has_null = matches!(value, Value::String(text) if text.contains('\0'));
+            (value.of_type() == of_type && !has_null).then(|| value.clone())
+        }
         Type::Float64 => {
             let real = value.as_real().or_else(|| value.as_whole().map(|whole| whole as f64));
             real.map(Value::Float64)

@@ -2,6 +2,7 @@
 
 pub mod json;
 mod references;
+mod signals;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -133,6 +134,8 @@ fn print(model: &ModelDescription<'_>, archive: &mut Archive, out: &mut impl Wri
     interfaces(model, common, attributes, out)?;
     variables(model, out)?;
     enumerations(model, out)?;
+    section("clocks", &signals::clock_lines(model), out)?;
+    section("binaries", &signals::binary_lines(model), out)?;
     let document = archive.head(TERMINALS, MAX_TERMINALS);
     let text = document.map(|bytes| xml::decode(&bytes).text).unwrap_or_default();
     let mut lines = Vec::new();
@@ -314,8 +317,9 @@ fn terminals(parent: &Element<'_>, depth: usize, lines: &mut Vec<String>) {
         let members: Vec<&str> = (terminal.children.iter())
             .flat_map(|member| MEMBERS.into_iter().filter_map(|name| member.attribute(name)))
             .collect();
-        let (name, rule) = (text("name"), text("matchingRule"));
-        let line = format!("{name} ({rule}): {}", members.join(", "));
+        let about = [text("matchingRule"), text("terminalKind")];
+        let about = Vec::from_iter(about.into_iter().filter(|text| !text.is_empty())).join(", ");
+        let line = format!("{} ({about}): {}", text("name"), members.join(", "));
         lines.push(format!("{:1$}{2}", "", 2 * depth, plain(&line, MAX_WIDTH)));
         terminals(terminal, depth + 1, lines);
     }

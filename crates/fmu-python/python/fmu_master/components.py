@@ -161,7 +161,8 @@ def python_component(
     units
         Units of variables by name.
     types
-        Types of variables by name: "Float64", which is the default, "Int64" or "Boolean".
+        Types of variables by name: "Float64", which is the default, "Int64", "Boolean", "String" or
+        "Binary", whose values are `bytes`.
     reset
         Called before each run, for a function that keeps a state. Without it, a run begins with the
         state that the one before has left; a warning says so if the function is a method. In a

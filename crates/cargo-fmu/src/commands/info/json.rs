@@ -11,7 +11,7 @@ use fmu_description::{ModelDescription, Value as Start, XmlVariable};
 use fmu_file::archive::{Archive, TERMINALS};
 use serde_json::{Map, Value, json};
 
-use super::{MAX_TERMINALS, MEMBERS, contents, inspect, interface_attributes};
+use super::{MAX_TERMINALS, MEMBERS, contents, inspect, interface_attributes, signals};
 
 /// Prints an object; of several FMUs, an array of objects.
 ///
@@ -47,7 +47,14 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
         let items = of_type.items.iter().map(|item| (item.name.clone(), item.value.into()));
         (of_type.name, Value::Object(items.collect()))
     });
-    let variables = model.variables().map(|(_, variable)| described(variable));
+    let clocks = signals::clocks(model);
+    let variables = model.variables().map(|(_, variable)| {
+        let mut shown = described(variable);
+        for (name, attribute) in signals::attributes(variable, &clocks) {
+            shown[name] = attribute;
+        }
+        shown
+    });
     let terminals = archive.head(TERMINALS, MAX_TERMINALS);
     let terminals = terminals.map(|bytes| xml::decode(&bytes).text).unwrap_or_default();
     let terminals = xml::parse(&terminals).ok();
