@@ -1,11 +1,14 @@
 """`cargo fmu validate` on FMUs with clocks, Binaries and networks."""
 
+import json
+import os
+import re
 from pathlib import Path
 
 import pytest
 
-from native import ROOT, write
-from test_validate import BUILD, BUILD_FILE, MODEL_FILE, TERMINALS_FILE, check, findings
+from native import ROOT, SOURCES, in_c, write
+from test_validate import BUILD, BUILD_FILE, MODEL_FILE, TERMINALS_FILE, cargo_fmu, check, findings
 
 pytestmark = pytest.mark.usefixtures("program")
 
@@ -60,3 +63,48 @@ def test_every_rule_of_networks_finds_its_violation(
     if new is None:
         del files[file]
     check(findings(write(tmp_path / "Node.fmu", files)), expected)
+
+
+# --- binaries -------------------------------------------------------------------------------------
+
+CS, SE = "CoSimulation", "ScheduledExecution"
+ROWS = (SOURCES / "clock_defects.h").read_text()
+DEFECTS = {
+    name: (globals()[interface], rule)
+    for name, interface, rule in re.findall(r'\nPLANT\((\w+), (\w+), "(.+?)", ".+"\)', ROWS)
+}
+assert len(DEFECTS) == ROWS.count("PLANT(") - ROWS.count(", NULL, ")
+"""An interface type that shows each defect of `tests/c/clocked.c`, and the rule that finds it."""
+
+FEW = {rule: name for name, (_, rule) in reversed(DEFECTS.items())}.values()
+"""One defect for each rule."""
+
+
+def clocked(folder: Path, defect: str, interface: str = "") -> Path:
+    """Return the FMU with a defect and one interface type, by default with both."""
+    xml = (SOURCES / "clocked.xml").read_text()
+    other = {CS: SE, SE: CS}.get(interface)
+    xml = re.sub(rf"  <{other}.*/>\n", "", xml) if other else xml
+    return in_c(folder / "Clocked.fmu", f"DEFECT={defect}", xml=xml)
+
+
+def test_correct_clocks_have_no_findings(tmp_path: Path) -> None:
+    assert findings(clocked(tmp_path, "NO_DEFECT")) == []
+
+
+@pytest.mark.parametrize("defect", DEFECTS if "ALL_DEFECTS" in os.environ else FEW)
+def test_a_defect_of_clocks_is_found(defect: str, tmp_path: Path) -> None:
+    interface, rule = DEFECTS[defect]
+    fmu = clocked(tmp_path, defect, interface)
+    for options in (["--quick"], []):
+        report = cargo_fmu("validate", "--format", "json", "--time-limit", "5", *options, fmu)
+        rules = json.loads(report.stdout)["files"][0]["rules"]
+        found = {rule["id"]: rule["findings"] for rule in rules}
+        if rule in found:
+            return
+    pytest.fail(str(found))
+
+
+def test_a_clock_that_never_ticks_is_a_hint(tmp_path: Path) -> None:
+    (found,) = findings(clocked(tmp_path, "NEVER_SENT", CS))
+    assert found.startswith('hint: the output clock "sent" does not tick')

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
+use fmi_ls_bus::{Frame, Id, Operation, operations};
 use fmu_description::value::{boolean, items, whole};
 use fmu_description::xml::Element;
 use fmu_description::{Causality, ModelDescription, Type, XmlVariable};
@@ -53,6 +54,27 @@ pub fn manifest(root: &Element<'_>, findings: &mut Findings) {
     let flag = attribute("isBusSimulationFMU");
     require!(findings, "bus-manifest" at at(), flag.is_none_or(|flag| boolean(flag).is_some()),
         "isBusSimulationFMU is {}, expected true or false", shown(flag));
+}
+
+/// Whether a Binary holds operations on a network of CAN.
+fn is_can(variable: &XmlVariable<'_>) -> bool {
+    let mime_type = variable.mime_type.as_deref().unwrap_or_default();
+    mime_type.split(';').next().is_some_and(|kind| kind.trim() == CAN)
+}
+
+/// A frame that a network of CAN may transmit to a variable.
+pub fn frame(variable: &XmlVariable<'_>, point: usize) -> Option<Vec<u8>> {
+    let data = (point as u64).to_le_bytes();
+    let frame = Frame::can(Id::Standard((point % 0x7ff) as u16), &data);
+    let (mut bytes, max) = (Vec::new(), variable.max_size.unwrap_or(usize::MAX));
+    Operation::Transmit(frame).append(&mut bytes, max).ok().filter(|()| is_can(variable))?;
+    Some(bytes)
+}
+
+/// What is wrong with the operations of a variable, if it holds operations on a network of CAN.
+pub fn malformed(variable: &XmlVariable<'_>, bytes: &[u8]) -> Option<String> {
+    let mut all = operations(bytes).filter(|_| is_can(variable));
+    all.find_map(|operation| operation.err().map(|error| error.to_string()))
 }
 
 /// A check of terminals.

@@ -93,6 +93,7 @@ impl ProbeFinding {
 #[derive(Default)]
 struct ProbeOutcome {
     found: Vec<ProbeFinding>,
+    hints: Vec<String>,
     unreadable: Vec<String>,
     ran: Option<Pace>,
     rows: Trajectory,
@@ -139,6 +140,7 @@ impl ProbeOutcome {
                 let rule = RULES.iter().find(|rule| rule.id == id);
                 self.found.extend(rule.map(|rule| ProbeFinding::new(rule, text, cause)));
             }
+            Reply::Hint(text) => self.hints.push(text),
             Reply::Unreadable(name) => self.unreadable.push(name),
             Reply::Ran(pace) => self.ran = Some(pace),
             Reply::Row(time, row) => self.rows.push((time, row)),
@@ -413,6 +415,9 @@ impl Checker<'_> {
         for (ProbeRun { probe, .. }, outcome) in runs.iter().zip(&outcomes) {
             if outcome.left_out && !self.left_out.contains(&probe.name) {
                 self.left_out.push(probe.name);
+            }
+            for hint in &outcome.hints {
+                self.findings.add_hint(&format!("{}{hint}", self.about));
             }
             for found in &outcome.found {
                 if !self.is_seen_by_another(probe, found) {

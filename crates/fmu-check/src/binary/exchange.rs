@@ -8,7 +8,7 @@ use fmu_description::{Causality, Value, XmlVariable};
 use fmu_host::{Cause, Failure, Instance, Status};
 use ode_methods::solver::{self, Advanced, DormandPrince, Events, OdeSystem, Step, Workspace};
 
-use crate::binary::run::{EVENT_EVERY, Position, Run};
+use crate::binary::run::{EVENT_EVERY, MAX_ROUNDS, Position, Run};
 use crate::rules::is_continuous;
 
 /// The largest relative tolerance of the solver.
@@ -69,6 +69,7 @@ impl Run<'_> {
         if self.position.point % EVENT_EVERY == EVENT_EVERY - 1 {
             self.instance.enter_event_mode()?;
             self.set_inputs(|_| true)?;
+            self.trigger(begin);
             self.iterate()?;
         } else {
             let before = signs(&self.event_indicators()?);
@@ -84,9 +85,28 @@ impl Run<'_> {
             if !self.ended {
                 let tolerance = self.subject.model.experiment("tolerance").filter(|t| *t > 0.0);
                 let tolerance = tolerance.unwrap_or(TOLERANCE).min(TOLERANCE);
-                self.integrate_part(begin + part as f64 * size, size, tolerance)?;
+                self.integrate_to_ticks(begin + part as f64 * size, size, tolerance)?;
             }
         }
+        Ok(())
+    }
+
+    /// As [`Run::integrate_part`], with the events of the clocks that tick meanwhile.
+    fn integrate_to_ticks(&mut self, time: f64, size: f64, tolerance: f64) -> Result<()> {
+        let (end, mut begin, mut rest) = (time + size, time, size);
+        for _ in 0..MAX_ROUNDS {
+            let tick = self.tick_before(end);
+            self.integrate_part(begin, tick.map_or(rest, |tick| tick - begin), tolerance)?;
+            if !self.ended && !self.due().is_empty() {
+                self.instance.enter_event_mode()?;
+                self.iterate()?;
+            }
+            if self.ended || tick.is_none() {
+                return Ok(());
+            }
+            (begin, rest) = (self.position.now, end - self.position.now);
+        }
+        self.end_as_ticks_are_too_many();
         Ok(())
     }
 
@@ -105,7 +125,9 @@ impl Run<'_> {
         self.solver.workspace = Some(workspace);
         match advanced {
             Ok(Advanced { handled, restarts, .. }) => {
-                self.position = Position { now: time + size, handled, restarts, ..self.position };
+                let position = &mut self.position;
+                (position.now, position.handled, position.restarts) =
+                    (time + size, handled, restarts);
             }
             Err(StepError::Ended) => self.ended = true,
             Err(StepError::Call(error)) => return Err(error),

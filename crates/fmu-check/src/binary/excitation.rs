@@ -4,7 +4,7 @@
 use fmu_description::value::real;
 use fmu_description::{Causality, ModelDescription, Type, Value, XmlVariable};
 
-use crate::binary::observed::is_readable;
+use crate::binary::observed::{is_held, is_readable};
 use crate::rules::is_continuous;
 
 const MAX_EXCITED: usize = 1000;
@@ -29,10 +29,22 @@ enum Signal {
     Choice(Vec<Value>, usize),
 }
 
-/// The inputs of a model.
+/// The inputs of a model, but for those with clocks.
 pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
+    inputs_that(model, is_readable)
+}
+
+/// The inputs of a model that can be set at the ticks of their clocks.
+pub fn clocked_inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
+    inputs_that(model, is_held)
+}
+
+fn inputs_that<'a>(
+    model: &'a ModelDescription<'a>,
+    are: impl Fn(&XmlVariable<'_>) -> bool,
+) -> Vec<Input<'a>> {
     let inputs = model.variables().map(|(_, v)| v);
-    let inputs = inputs.filter(|v| v.causality == Causality::Input && is_readable(v));
+    let inputs = inputs.filter(|v| v.causality == Causality::Input && are(v));
     let inputs = inputs.zip(0..).map(|(variable, index)| {
         let elements = 0..variable.element_count().min(MAX_EXCITED);
         let signals = elements.map(|element| Signal::new(variable, element, index)).collect();
@@ -54,7 +66,7 @@ impl Signal {
                 let start = start.unwrap_or(Value::Boolean(false));
                 Self::Choice(near(variable, &start), 11)
             }
-            Type::String => Self::Choice(Vec::new(), 1),
+            Type::String | Type::Binary | Type::Clock => Self::Choice(Vec::new(), 1),
             whole => {
                 let start = start.or_else(|| Value::whole(whole, 0));
                 let mut values = start.map_or(Vec::new(), |start| near(variable, &start));

@@ -1,12 +1,16 @@
 //! Tests that run a binary, each in its own process, since the binary may crash, hang or exit.
 
 mod checker;
+mod clock_updates;
+mod clocks;
 mod exchange;
 mod excitation;
 mod observed;
+mod partitions;
 mod probes;
 mod report;
 mod run;
+mod schedule;
 mod subject;
 mod task;
 mod vocabulary;
@@ -35,6 +39,9 @@ use crate::rule::rule;
 pub use checker::Probes;
 pub use worker::run as probe;
 
+/// The interface type whose model partitions the host activates.
+const SCHEDULED: &str = "ScheduledExecution";
+
 /// The sizes of files, and the times of their last changes.
 type Files = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
@@ -53,9 +60,11 @@ pub fn check(
     let native = Platform::of_this_machine(model.version).filter(|_| !probes.sandbox);
     let component = Platform::component(model.version).filter(|_| cfg!(feature = "sandbox"));
     let platforms = Vec::from_iter(native.into_iter().chain(component));
-    let interfaces = [model.co_simulation(), model.model_exchange()];
+    let interfaces = interfaces(model);
     let binaries = |platform: &Platform, archive: &Archive| -> Vec<(&Element<'_>, String)> {
-        (interfaces.into_iter().flatten())
+        // Components have no scheduled execution.
+        let has_it = |e: &&Element<'_>| Some(*platform) == native || e.name != SCHEDULED;
+        (interfaces.into_iter().flatten().filter(has_it))
             .filter_map(|e| Some((e, platform.binary(e.attribute("modelIdentifier")?))))
             .filter(|(_, binary)| archive.names.contains(binary))
             .collect()
@@ -72,7 +81,7 @@ pub fn check(
         if names.any(|name| name.starts_with("binaries/")) {
             let folders = Vec::from_iter(platforms.iter().map(|platform| platform.folder));
             let text = match interfaces {
-                [None, None] => "there is no interface type that is tested".into(),
+                [None, None, None] => "there is no interface type that is tested".into(),
                 _ if folders.is_empty() => "--sandbox allows components only".into(),
                 _ => format!("there is none for this machine ({})", folders.join(", ")),
             };
@@ -91,9 +100,12 @@ pub fn check(
         let session = unpack(text, archive, platform)?;
         let compared = compared.map(|compiled| unpack(text, compiled, platform)).transpose()?;
         let files = list(&session.path().join(FMU))?;
-        let (mut ignored, mut about, mut seen) = (HashSet::new(), subject, HashMap::new());
+        let (mut ignored, mut seen) = (HashSet::new(), HashMap::new());
         let (mut is_alone, mut untested, mut broken) =
             (false, untested(model, probes.is_quick), HashMap::new());
+        if model.scheduled_execution().is_some() && Some(platform) != native {
+            untested.push("scheduled execution".into());
+        }
         for ((element, binary), others) in binaries.iter().zip((1..=binaries.len() as u32).rev()) {
             let now = Instant::now();
             let mut checker = Checker {
@@ -105,6 +117,7 @@ pub fn check(
                     session: session.path().to_owned(),
                     binary: binary.clone(),
                     seconds: probes.time_limit.as_secs(),
+                    is_quick: probes.is_quick,
                     is_alone: is_alone || claims(element, ONLY_ONCE, model.version),
                     ignored,
                     ..Task::default()
@@ -118,15 +131,11 @@ pub fn check(
                 workers: workers(element),
                 deadline: now + deadline.saturating_duration_since(now) / others,
                 left_out: Vec::new(),
-                about,
+                about: about(subject == COMPILED, binaries[0].0, element),
                 findings,
             };
             checker.run()?;
             let task = checker.task;
-            about = match subject {
-                COMPILED => "compiled sources: model exchange: ",
-                _ => "model exchange: ",
-            };
             (ignored, seen) = (task.ignored, checker.seen);
             (is_alone, untested, broken) = (task.is_alone, checker.untested, checker.broken);
         }
@@ -139,6 +148,23 @@ pub fn check(
     };
     if let Err(error) = run_all() {
         findings.add(rule!("binary-not-run"), "binaries", format!("cannot be run: {error:#}"));
+    }
+}
+
+/// The interface types that are tested, in their order.
+fn interfaces<'a>(model: &ModelDescription<'a>) -> [Option<&'a Element<'a>>; 3] {
+    [model.co_simulation(), model.model_exchange(), model.scheduled_execution()]
+}
+
+/// What stands before findings on an interface type, which is not the first.
+fn about(is_compiled: bool, first: &Element<'_>, element: &Element<'_>) -> &'static str {
+    match (is_compiled, element.name) {
+        (true, name) if name == first.name => COMPILED,
+        (false, name) if name == first.name => "",
+        (true, "ModelExchange") => "compiled sources: model exchange: ",
+        (false, "ModelExchange") => "model exchange: ",
+        (true, _) => "compiled sources: scheduled execution: ",
+        (false, _) => "scheduled execution: ",
     }
 }
 
@@ -196,17 +222,15 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
 /// The parts of an FMU that no test covers. Quick tests leave out most abilities of an FMU anyway.
 pub fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
     let has = |test: fn(&XmlVariable<'_>) -> bool| model.variables().any(|(_, v)| test(v));
-    let interfaces = [model.co_simulation(), model.model_exchange()];
+    let interfaces = interfaces(model);
     let claims = |flag| {
         let mut all = interfaces.into_iter().flatten();
         all.any(|element| claims(element, flag, model.version))
     };
     let derives = claims("providesDirectionalDerivative") || claims("providesAdjointDerivatives");
     let types = [
-        ("clocks", has(|v| v.of_type == Type::Clock)),
-        ("Binaries", has(|v| v.of_type == Type::Binary)),
+        ("Binaries without clocks", has(|v| v.of_type == Type::Binary && v.clocks.is_empty())),
         ("arrays of Strings", has(|v| v.of_type == Type::String && !v.dimensions.is_empty())),
-        ("scheduled execution", model.root.child("ScheduledExecution").is_some()),
     ];
     let abilities = [
         (
@@ -214,7 +238,6 @@ pub fn untested(model: &ModelDescription<'_>, is_quick: bool) -> Vec<String> {
             derives && has(|v| v.of_type.is_float() && !v.dimensions.is_empty()),
         ),
         ("variables in intermediate updates", has(|v| v.element.is_true("intermediateUpdate"))),
-        ("fmi3EvaluateDiscreteStates", claims("providesEvaluateDiscreteStates")),
         ("dependencies of elements", claims("providesPerElementDependencies")),
         ("asynchronous steps", claims("canRunAsynchronuously")),
     ];

@@ -79,6 +79,8 @@ pub struct Observed<'a> {
     variables: Vec<&'a XmlVariable<'a>>,
     /// The value references and the number of elements of the variables of each type.
     parts: Vec<(Type, Vec<u32>, usize)>,
+    /// Clocked variables, whose values are those that were read at the last ticks of their clocks.
+    held: Vec<&'a XmlVariable<'a>>,
 }
 
 /// The first difference of an element between two runs.
@@ -99,7 +101,7 @@ impl<'a> Observed<'a> {
             let count = part.iter().map(|v| v.element_count()).sum();
             (part[0].of_type, references(part), count)
         });
-        Self { parts: parts.collect(), variables }
+        Self { parts: parts.collect(), variables, held: Vec::new() }
     }
 
     pub fn variables(&self) -> impl DoubleEndedIterator<Item = &'a XmlVariable<'a>> {
@@ -110,7 +112,17 @@ impl<'a> Observed<'a> {
     pub fn elements(&self) -> impl Iterator<Item = (&'a XmlVariable<'a>, usize)> {
         let elements =
             |v: &'a XmlVariable<'a>| (0..v.element_count()).map(move |element| (v, element));
-        self.variables().flat_map(elements)
+        self.variables().chain(self.held()).flat_map(elements)
+    }
+
+    /// The clocked variables among them.
+    pub fn held(&self) -> impl Iterator<Item = &'a XmlVariable<'a>> {
+        self.held.iter().copied()
+    }
+
+    /// The values of the clocked variables before the first ticks of their clocks.
+    pub fn neutral(&self) -> Row {
+        self.held().flat_map(neutral).collect()
     }
 
     /// Every how many steps a run of this many steps is recorded, so that it fits into memory.
@@ -224,12 +236,41 @@ pub fn is_readable(variable: &XmlVariable<'_>) -> bool {
     is_tested(variable) || is_array
 }
 
+/// Whether the tests read or set a variable at the ticks of its clocks.
+pub fn is_held(variable: &XmlVariable<'_>) -> bool {
+    let is_list = matches!(variable.of_type, Type::String | Type::Binary);
+    is_clocked(variable)
+        && variable.of_type != Type::Clock
+        && !variable.is_parameter()
+        && (variable.dimensions.is_empty() || !is_list)
+        && variable.element_count() <= MAX_ELEMENTS
+}
+
+/// Values that a variable may have.
+fn neutral(variable: &XmlVariable<'_>) -> Vec<Value> {
+    let of_type = variable.of_type;
+    let bound = |bound: &Option<Value>| bound.clone();
+    let zero = match of_type {
+        Type::Boolean => Some(Value::Boolean(false)),
+        Type::String => Some(Value::String(String::new())),
+        Type::Binary => Some(Value::Binary(Vec::new())),
+        Type::Enumeration => variable.items().first().map(|item| Value::Enumeration(item.value)),
+        _ => Value::real(of_type, 0.0).or_else(|| Value::whole(of_type, 0)),
+    };
+    let zero = zero.filter(|zero| variable.allows(zero)).or_else(|| bound(&variable.min));
+    let zero = zero.or_else(|| bound(&variable.max)).unwrap_or(Value::Boolean(false));
+    (0..variable.element_count()).map(|k| variable.start_of(k).unwrap_or(&zero).clone()).collect()
+}
+
 /// The variables that an FMU computes and that can be compared between runs, without those that are named.
 pub fn observed<'a>(model: &'a ModelDescription<'a>, without: &HashSet<String>) -> Observed<'a> {
     use Causality::{CalculatedParameter, Local, Output};
     let computed = readable(model, without)
         .filter(|v| matches!(v.causality, Output | Local | CalculatedParameter));
-    Observed::new(computed, model.version)
+    let held = model.variables().map(|(_, v)| v).filter(|v| {
+        is_held(v) && matches!(v.causality, Output | Local) && !without.contains(&v.name)
+    });
+    Observed { held: held.collect(), ..Observed::new(computed, model.version) }
 }
 
 /// Whether a variable changes at events only.

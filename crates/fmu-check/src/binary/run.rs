@@ -1,6 +1,7 @@
 //! Runs of the FMU under test, in the worker process.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -9,13 +10,15 @@ use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, InterfaceType, Status};
 use ode_methods::solver::Workspace;
 
+use crate::binary::clock_updates::ClockUpdates;
 use crate::binary::excitation::{Input, other_values, starts};
 use crate::binary::observed::{Observed, Row, Trajectory, get, is_discrete};
+use crate::binary::schedule::Schedule;
 use crate::binary::subject::{RunSetup, SKIP, Subject};
 use crate::rule::{Rule, rule};
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
-const MAX_ROUNDS: usize = 1000;
+pub const MAX_ROUNDS: usize = 1000;
 /// In model exchange, every how many steps there is an event.
 pub const EVENT_EVERY: usize = 10;
 
@@ -42,12 +45,14 @@ pub struct Run<'a> {
     /// Why the equations could not be integrated.
     pub stuck: Option<String>,
     pub solver: Solver,
+    /// In scheduled execution, what the FMU tells while it updates its clocks.
+    pub updates: Option<Arc<ClockUpdates>>,
     /// The rules with findings that steps have reported.
     reported: HashSet<&'static str>,
 }
 
 /// A point of a simulation, to which a restored state goes back.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Position {
     /// Number of communication points passed.
     pub point: usize,
@@ -59,14 +64,21 @@ pub struct Position {
     pub handled: f64,
     /// Whether the last event has left an event indicator close to zero, and nothing was integrated since.
     pub restarts: bool,
+    /// When its clocks tick.
+    pub schedule: Schedule,
 }
 
 impl<'a> Run<'a> {
     pub fn instantiate(subject: &'a Subject<'a>, setup: RunSetup<'a>) -> Result<Self> {
+        let mut instance = subject.instantiate(&setup)?;
+        let clocks = &subject.clocks;
+        let updates = (subject.interface_type == InterfaceType::ScheduledExecution)
+            .then(|| ClockUpdates::of(&mut instance, &clocks.inputs, &clocks.outputs));
         Ok(Self {
             subject,
             setup,
-            instance: subject.instantiate(&setup)?,
+            instance,
+            updates,
             position: Position::default(),
             is_initialized: false,
             ended: false,
@@ -157,7 +169,11 @@ impl<'a> Run<'a> {
     pub fn initialize(&mut self) -> Result<()> {
         self.enter_initialization()?;
         self.set_inputs(|_| true)?;
+        self.schedule()?;
         self.exit_initialization()?;
+        if self.subject.interface_type == InterfaceType::ScheduledExecution {
+            self.activate_until(self.subject.start)?;
+        }
         let is_exchange = self.subject.interface_type == InterfaceType::ModelExchange;
         if is_exchange || self.setup.event_mode {
             self.iterate()?;
@@ -264,8 +280,9 @@ impl<'a> Run<'a> {
     pub fn iterate(&mut self) -> Result<()> {
         let time = self.position.now;
         let before = self.continuous_states()?;
-        let (mut may_change, mut nominals_changed) = (false, false);
+        let (mut may_change, mut nominals_changed, mut ticks) = (false, false, false);
         for _ in 0..MAX_ROUNDS {
+            let ticked = self.tick()?;
             let update = self.instance.update_discrete_states()?;
             may_change |= update.states_changed;
             nominals_changed |= update.nominals_changed;
@@ -274,7 +291,12 @@ impl<'a> Run<'a> {
                 self.ended = true;
                 return Ok(());
             }
-            if update.again {
+            let ticks_again = self.reschedule(&ticked, !update.again)?;
+            if self.ended {
+                return Ok(());
+            }
+            if update.again || ticks_again {
+                ticks = ticks_again && !update.again;
                 continue;
             }
             if let Some(next) = update.next_event {
@@ -301,13 +323,17 @@ impl<'a> Run<'a> {
             };
             return Ok(());
         }
+        ensure!(
+            !ticks,
+            "a clock ticks at t = {time} s for the {MAX_ROUNDS}th time, expected it to wait for a later time"
+        );
         bail!(
             "fmi2NewDiscreteStates still needs new discrete states after {MAX_ROUNDS} calls, expected the event iteration to end"
         )
     }
 
     /// Reports the first finding of a rule in this run, unless a condition holds.
-    fn expect(&mut self, rule: &'static Rule, condition: bool, text: impl FnOnce() -> String) {
+    pub fn expect(&mut self, rule: &'static Rule, condition: bool, text: impl FnOnce() -> String) {
         if !condition && self.reported.insert(rule.id) {
             self.subject.report.add_finding(rule, text());
         }
@@ -329,9 +355,16 @@ impl<'a> Run<'a> {
         self.subject.report.at(begin);
         match self.subject.interface_type {
             InterfaceType::ModelExchange => self.integrate(begin, step)?,
-            _ => {
+            InterfaceType::ScheduledExecution => {
+                self.trigger(begin + step);
+                self.activate_until(begin + step)?;
+            }
+            InterfaceType::CoSimulation => {
                 // With event mode, discrete inputs are set at events only.
                 let event_mode = self.setup.event_mode;
+                if event_mode && self.trigger(begin) {
+                    self.at_event(|_| Ok(()))?;
+                }
                 self.set_inputs(|input| !event_mode || input.is_continuous())?;
                 let mut passed = 0.0;
                 for fraction in self.setup.fractions {
@@ -361,12 +394,26 @@ impl<'a> Run<'a> {
     /// Takes a step, and handles the events in it and at its end in event mode, if the FMU needs that.
     pub fn step(&mut self, time: f64, step: f64) -> Result<()> {
         let end = time + step;
-        let (mut begin, mut size) = (time, step);
+        let (mut begin, mut size, mut early) = (time, step, 0);
+        // Other FMUs are told of ticks at the ends of steps.
+        let splits =
+            self.setup.event_mode && self.subject.claims("canHandleVariableCommunicationStepSize");
+        if splits {
+            self.position.now = begin;
+        }
         for _ in 0..MAX_ROUNDS {
-            if self.ended || !self.step_once(begin, size)? {
+            let tick = self.tick_before(end).filter(|_| splits);
+            let part = tick.map_or(size, |tick| tick - begin);
+            let is_early = !self.ended && self.step_once(begin, part)?;
+            if self.ended || !is_early && tick.is_none() {
                 return Ok(());
             }
+            early += usize::from(is_early);
             (begin, size) = (self.position.now, end - self.position.now);
+        }
+        if early < MAX_ROUNDS {
+            self.end_as_ticks_are_too_many();
+            return Ok(());
         }
         bail!("the step from t = {time} s has returned early {MAX_ROUNDS} times")
     }
@@ -429,7 +476,7 @@ impl<'a> Run<'a> {
         self.expect(rule!("events-signalled"), changed.is_ok(), || {
             format!("{:#}", changed.unwrap_err())
         });
-        if event_mode && needed {
+        if event_mode && (needed || !self.due().is_empty()) {
             self.instance.enter_event_mode()?;
             self.iterate()?;
         }
@@ -447,11 +494,21 @@ impl<'a> Run<'a> {
 
     /// The values of some variables, as a run of one point.
     pub fn row(&mut self, variables: &Observed<'_>) -> Result<Trajectory> {
-        Ok(vec![(self.time(), variables.read(&mut self.instance)?)])
+        let read = variables.read(&mut self.instance)?;
+        Ok(vec![(self.time(), self.with_held(variables, read))])
     }
 
     pub fn observe(&mut self) -> Result<Row> {
-        self.subject.observed.read(&mut self.instance)
+        let read = self.subject.observed.read(&mut self.instance)?;
+        Ok(self.with_held(&self.subject.observed, read))
+    }
+
+    /// A row with the values of its clocked variables.
+    fn with_held(&self, variables: &Observed<'_>, mut row: Row) -> Row {
+        if variables.held().next().is_some() {
+            row.extend(self.position.schedule.held.iter().cloned());
+        }
+        row
     }
 
     /// Takes the steps of a short run and records the values at each communication point.

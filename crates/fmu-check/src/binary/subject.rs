@@ -15,6 +15,7 @@ use fmu_host::{Instance, Instantiation, InterfaceType, Library, Status, Treatmen
 use crate::binary::excitation::{EXCITATIONS, Input, inputs};
 use crate::binary::observed::{Observed, Trajectory, is_tested, observed, readable};
 use crate::binary::report::{Reporter, lock};
+use crate::binary::schedule::Clocks;
 use crate::binary::task::{FMU, Task};
 use crate::binary::vocabulary::claims;
 use crate::rules::is_continuous;
@@ -51,9 +52,7 @@ pub struct Subject<'a> {
     pub usual: OnceLock<Trajectory>,
     /// Whether an instance was made in this process.
     is_used: Arc<AtomicBool>,
-    /// Whether the FMU has clocks, and whether the host must let some of them tick, which no test does.
-    has_clocks: bool,
-    pub needs_ticks: bool,
+    pub clocks: Clocks<'a>,
     pub logged: Arc<Mutex<LogCounts>>,
     /// The only log category that the FMU is to use, if one was chosen.
     pub chosen: Arc<Mutex<Option<String>>>,
@@ -100,6 +99,8 @@ pub struct RunSetup<'a> {
     /// receives intermediate updates.
     pub event_mode: bool,
     pub early_return: bool,
+    /// In event mode, whether discrete states are evaluated before they are read.
+    pub evaluates: bool,
 }
 
 impl RunSetup<'_> {
@@ -127,10 +128,6 @@ impl<'a> Subject<'a> {
         let tolerance = model.experiment("tolerance").filter(|t| *t > 0.0);
         let in_2 = model.root.attribute("numberOfEventIndicators");
         let in_2 = in_2.and_then(whole::<u32>).unwrap_or(0) as usize;
-        let variables = model.variables().map(|(_, v)| v);
-        let clocks: Vec<_> = variables.filter(|v| v.of_type == Type::Clock).collect();
-        let is_triggered =
-            |v: &XmlVariable<'_>| v.inherited("intervalVariability") == Some("triggered");
         Ok(Self {
             start,
             stop,
@@ -150,8 +147,7 @@ impl<'a> Subject<'a> {
             indicators: in_2.max(element_count(model, &model.event_indicators)),
             usual: task.usual.clone().map_or_else(OnceLock::new, OnceLock::from),
             is_used: Arc::default(),
-            has_clocks: !clocks.is_empty(),
-            needs_ticks: clocks.iter().any(|v| v.causality == Causality::Input && !is_triggered(v)),
+            clocks: Clocks::new(model),
             logged: Arc::default(),
             chosen: Arc::default(),
             updates: Arc::default(),
@@ -194,7 +190,8 @@ impl<'a> Subject<'a> {
             summed_times: false,
             fractions: &[1.0],
             parts: 1,
-            event_mode: self.has_clocks && !is_exchange && self.claims("hasEventMode"),
+            event_mode: !self.clocks.is_empty() && !is_exchange && self.claims("hasEventMode"),
+            evaluates: false,
             early_return: false,
         }
     }

@@ -27,6 +27,8 @@ pub struct Task {
     pub seconds: u64,
     /// Whether the FMU logs more than problems.
     pub logging: bool,
+    /// Whether only a few tests are made.
+    pub is_quick: bool,
     /// Whether wrong calls crash it.
     pub is_fragile: bool,
     /// Whether a process may have one instance only.
@@ -41,6 +43,7 @@ impl Task {
     pub fn interface_type(&self) -> InterfaceType {
         match self.interface.as_str() {
             "ModelExchange" => InterfaceType::ModelExchange,
+            "ScheduledExecution" => InterfaceType::ScheduledExecution,
             _ => InterfaceType::CoSimulation,
         }
     }
@@ -51,6 +54,8 @@ impl Task {
 pub enum Reply {
     /// The name of a rule, and what breaks it.
     Found(String, String),
+    /// What is worth a look, but no fault.
+    Hint(String),
     /// The name of a variable that cannot be read.
     Unreadable(String),
     /// How fast the default experiment was run; not if the FMU refuses the excitation of its inputs.

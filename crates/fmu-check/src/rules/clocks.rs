@@ -89,10 +89,8 @@ impl Check<'_> {
         for clock in items(clocks.unwrap_or_default()) {
             let of = whole(clock).and_then(|number| model.variable(model.index(number)));
             let of = of.filter(|of| of.of_type == Type::Clock);
-            require!(self, "clocks-exist" at variable,
-                of.is_some_and(|of| of.reference != variable.reference),
-                "clocks has {clock}, expected value references of {}",
-                if of.is_some() { "other clocks" } else { "clocks" });
+            require!(self, "clocks-exist" at variable, of.is_some(),
+                "clocks has {clock}, expected value references of clocks");
             are_local &= of.is_some_and(|of| of.causality == Causality::Local);
         }
         require!(self, "clock-local" at variable,

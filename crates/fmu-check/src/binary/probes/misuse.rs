@@ -64,19 +64,19 @@ pub fn unknown(subject: &Subject<'_>) -> u32 {
 }
 
 /// Calls that the FMU must refuse.
-struct Refused<'a> {
+pub struct Refused<'a> {
     subject: &'a Subject<'a>,
     accepted: Vec<String>,
 }
 
 impl<'a> Refused<'a> {
-    fn new(subject: &'a Subject<'a>) -> Self {
+    pub fn new(subject: &'a Subject<'a>) -> Self {
         Self { subject, accepted: Vec::new() }
     }
 
     /// Makes a call in a new run; `what` tells function and circumstances, such as `fmi2DoStep before
     /// initialization`.
-    fn call<T, E>(
+    pub fn call<T, E>(
         &mut self,
         what: impl Into<String>,
         at: impl FnOnce(&'a Subject<'a>, RunSetup<'a>) -> Result<Run<'a>>,
@@ -95,7 +95,7 @@ impl<'a> Refused<'a> {
         Ok(())
     }
 
-    fn report(self, rule: &Rule) -> Result<()> {
+    pub fn report(self, rule: &Rule) -> Result<()> {
         if !self.accepted.is_empty() {
             let calls = self.accepted.join("; ");
             let text = format!("these calls returned fmi2OK, expected fmi2Error: {calls}");
@@ -196,6 +196,7 @@ macro_rules! refuse {
         refused.report(rule!($rule))
     }};
 }
+pub(super) use refuse;
 
 /// Takes steps with a wrong size or time.
 pub fn step_arguments(subject: &Subject<'_>) -> Result<()> {

@@ -1,5 +1,6 @@
 //! The tests of a binary. Each runs in a process of its own.
 
+mod clocks;
 mod dependencies;
 mod derivatives;
 mod equations;
@@ -17,12 +18,13 @@ use fmu_description::FmiVersion;
 use fmu_description::xml::Element;
 
 use crate::binary::observed::Trajectory;
-use crate::binary::run::{Run, is_refusal};
+use crate::binary::run::Run;
 use crate::binary::subject::{RunSetup, SKIP, Subject};
 use crate::binary::vocabulary::{ONLY_ONCE, claims};
 use crate::rule::{Rule, rule};
 use Trait::{
-    Brief, Claims, CoSimulation, Fmi2, Fmi3, Misuse, ModelExchange, Own, Quick, Several, Unloads,
+    Brief, Claims, CoSimulation, Events, Fmi2, Fmi3, Misuse, ModelExchange, Own, Quick, Scheduled,
+    Several, Unloads,
 };
 
 /// A test.
@@ -49,9 +51,12 @@ enum Trait {
     Brief,
     /// The library is unloaded before the test ends.
     Unloads,
-    /// The test is for co-simulation, or for model exchange.
+    /// The test is for co-simulation, for model exchange, or for scheduled execution.
     CoSimulation,
     ModelExchange,
+    Scheduled,
+    /// The test is for interface types with an event mode. It may read what it has set without a step between.
+    Events,
     /// The test is for one version of FMI.
     Fmi2,
     Fmi3,
@@ -111,6 +116,8 @@ impl Probe {
         self.traits.iter().all(|needed| match needed {
             CoSimulation => element.name == "CoSimulation",
             ModelExchange => element.name == "ModelExchange",
+            Scheduled => element.name == "ScheduledExecution",
+            Events => element.name != "ScheduledExecution",
             Fmi2 => version == FmiVersion::Fmi2,
             Fmi3 => version == FmiVersion::Fmi3,
             Several => !is_alone,
@@ -132,11 +139,6 @@ impl Probe {
     pub fn run(&self, subject: &Subject<'_>) -> Result<()> {
         match ((self.test)(subject), self.claim()) {
             (Err(error), _) if error.downcast_ref() == Some(&SKIP) => Ok(()),
-            (Err(error), _) if subject.needs_ticks && is_refusal(&error) => {
-                let text = format!("not tested, since its clocks do not tick: {error:#}");
-                subject.report.add_finding(rule!("not-tested"), text);
-                Ok(())
-            }
             (Err(error), Some(claim)) => Err(error.context(claim)),
             (outcome, _) => outcome,
         }
@@ -236,11 +238,11 @@ pub static OTHERS: &[Probe] = probes! {
     "start": "start-values", variables::start, Quick;
     "state": "state", runs::restore, Quick, STATE;
     "serialized": "serialized-state", runs::serialize, Quick, STATE, BYTES;
-    "directional": "directional-derivatives", derivatives::in_run, Quick, DIRECTIONAL;
-    "directional-elsewhere": "directional-derivatives", derivatives::elsewhere, DIRECTIONAL;
-    "dependencies-kind": "dependencies-kind", dependencies::kinds;
-    "directional-initial": "directional-derivatives", derivatives::in_initialization, DIRECTIONAL;
-    "directional-unlisted": "directional-derivatives", derivatives::unlisted, Misuse, DIRECTIONAL;
+    "directional": "directional-derivatives", derivatives::in_run, Quick, DIRECTIONAL, Events;
+    "directional-elsewhere": "directional-derivatives", derivatives::elsewhere, DIRECTIONAL, Events;
+    "dependencies-kind": "dependencies-kind", dependencies::kinds, Events;
+    "directional-initial": "directional-derivatives", derivatives::in_initialization, DIRECTIONAL, Events;
+    "directional-unlisted": "directional-derivatives", derivatives::unlisted, Misuse, DIRECTIONAL, Events;
     "input-derivatives": "input-derivatives", time_derivatives::of_inputs,
         Quick, Fmi2, CoSimulation, INTERPOLATES;
     "output-derivatives": "output-derivatives", time_derivatives::of_outputs, Quick, CoSimulation;
@@ -276,20 +278,23 @@ pub static OTHERS: &[Probe] = probes! {
     "long-steps": "long-steps", steps::long_steps, CoSimulation, VARIABLE_STEPS;
     "stop-time-passed": "past-stop-time", misuse::past_stop, Misuse, Fmi2, CoSimulation;
     "end": "get-after-terminate", runs::end;
-    "get": "get-is-pure", variables::get;
+    "get": "get-is-pure", variables::get, Events;
     "nothing": "zero-references", variables::nothing, Own;
     "aliases": "aliases", variables::aliases;
-    "kept": "inputs-kept", variables::kept;
-    "kept-arrays": "inputs-kept", variables::kept_arrays, Quick, Fmi3;
+    "kept": "inputs-kept", variables::kept, Events;
+    "kept-arrays": "inputs-kept", variables::kept_arrays, Quick, Fmi3, Events;
     "tunable": "tunable", variables::tunable, CoSimulation;
-    "dependencies": "true-dependencies", dependencies::direct;
-    "initial-dependencies": "true-dependencies", dependencies::initial;
+    "dependencies": "true-dependencies", dependencies::direct, Events;
+    "initial-dependencies": "true-dependencies", dependencies::initial, Events;
     "states": "state-variables", equations::states, ModelExchange;
     "events": "event-iteration", equations::events, ModelExchange;
-    "array-lengths": "array-lengths", misuse::array_lengths, Misuse, Fmi3;
+    "array-lengths": "array-lengths", misuse::array_lengths, Misuse, Fmi3, Events;
     "sizes": "structural-parameters", variables::sizes, Quick, Fmi3, CoSimulation;
     "input-events": "input-events", interfaces::input_events, CoSimulation, Several;
-    "adjoint": "adjoint-derivatives", derivatives::adjoint, Quick, Fmi3, ADJOINT;
+    "adjoint": "adjoint-derivatives", derivatives::adjoint, Quick, Fmi3, ADJOINT, Events;
+    "fractions": "interval-fraction", clocks::fractions, Quick, Fmi3, Several;
+    "clocked-kept": "clocked-kept", clocks::kept, Misuse, Fmi3;
+    "evaluated": "evaluate-once", clocks::evaluated, Quick, Fmi3, Events, Claims("providesEvaluateDiscreteStates");
     "event-mode": "event-mode", runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
     "flags": "runs", runs::flags, Quick, Fmi3, CoSimulation;
     "start-time": "start-time", runs::start_time, Quick;
@@ -307,10 +312,13 @@ pub static OTHERS: &[Probe] = probes! {
     "debug-logging": "runs", host::debug_logging, Misuse;
     "long": "long-texts", |s| host::with_text(s, "20000 characters", &"long".repeat(5000)), Own;
     "initial-outputs": "initial-outputs", variables::initial_outputs, CoSimulation;
-    "nan": "survives-nan", misuse::nan, Own, Brief;
-    "infinity": "survives-nan", |s| misuse::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
+    "nan": "survives-nan", misuse::nan, Own, Brief, Events;
+    "infinity": "survives-nan", |s| misuse::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief, Events;
     "damaged-state": "damaged-state", misuse::damaged_state, Misuse, STATE, BYTES;
-    "settable": "settable", misuse::settable, Misuse;
+    "settable": "settable", misuse::settable, Misuse, Events;
+    "clocked-settable": "clocked-settable", clocks::settable, Misuse, Fmi3, CoSimulation;
+    "clock-references": "unknown-references", clocks::references, Misuse, Fmi3, CoSimulation;
+    "partitions": "partition-order", clocks::partitions, Misuse, Scheduled;
     "step-nan": "step-arguments", misuse::step_nan, Misuse, CoSimulation;
     "status": "survives-misuse", misuse::status, Misuse, Fmi2, CoSimulation;
     "after-error": "after-error", misuse::after_error, Misuse;

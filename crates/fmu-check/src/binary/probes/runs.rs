@@ -112,6 +112,11 @@ fn watch(subject: &Subject<'_>, setup: RunSetup<'_>) -> (Result<Pace>, Found) {
             let changed = constants.differences(&after, &before, 0.0, how);
             found.extend(changed.into_iter().map(|changed| (rule!("constants"), changed.text)));
         }
+        if run.stuck.is_none() && !subject.task.is_quick {
+            for text in run.unseen() {
+                subject.report.reply(&Reply::Hint(text));
+            }
+        }
         run.instance.terminate()?;
         let between = times.windows(2).map(|pair| pair[1] - pair[0]);
         let beginning = times.first().map(|first| *first - begin);
@@ -128,7 +133,8 @@ fn fault(variable: &XmlVariable<'_>, value: &Value) -> Option<(&'static Rule, St
         (Value::String(text), _) if text.contains(char::REPLACEMENT_CHARACTER) => {
             invalid("text in UTF-8")
         }
-        (Value::String(_) | Value::Boolean(_), _) => None,
+        // The sizes of Binaries are checked when they are read.
+        (Value::String(_) | Value::Boolean(_) | Value::Binary(_), _) => None,
         _ if variable.of_type == Type::Boolean => invalid("0 or 1"),
         (_, Some(_)) if variable.causality != Causality::Output => None,
         (_, Some(number)) if !number.is_finite() => {
@@ -407,7 +413,7 @@ pub fn restore(subject: &Subject<'_>) -> Result<()> {
     let tolerance = subject.tolerance;
     let mut run = Run::begin(subject, subject.setup())?;
     let past = run.record()?;
-    let position = run.position;
+    let position = run.position.clone();
     let saved = run.instance.get_fmu_state()?;
     let set = subject.group(subject.settable());
     let set_before = run.row(&set)?;
@@ -424,7 +430,7 @@ pub fn restore(subject: &Subject<'_>) -> Result<()> {
             break;
         }
         run.instance.set_fmu_state(&saved)?;
-        run.position = position;
+        run.position = position.clone();
         let when = "after the state was restored";
         subject.report.stage(when);
         let how = [when, " as when it was saved"];
@@ -454,7 +460,7 @@ pub fn serialize(subject: &Subject<'_>) -> Result<()> {
     let saved = |setup| -> Result<_> {
         let mut run = Run::begin(subject, setup)?;
         let past = run.record()?;
-        let position = run.position;
+        let position = run.position.clone();
         let bytes = bytes(&mut run)?;
         let expected = [run.record()?, past].concat();
         Ok((run, position, bytes, expected))
