@@ -14,7 +14,7 @@ use fmu_description::{Number, StateError, StateReader, StateWriter};
 use crate::any_model::AnyModel;
 use crate::error::{ModelError, ensure, refused};
 use crate::instance::{ClockUpdate, EventUpdate, Instance};
-use crate::model_clocks::Instant;
+use crate::model_clocks::PresentInstant;
 
 /// Whether the host asks for clocks after an activation, until the next one: it cannot call a component in a callback.
 pub(crate) const UPDATES_AFTERWARDS: bool =
@@ -104,13 +104,28 @@ pub(crate) trait Clocks: Sync {
         Ok(())
     }
 
+    /// Begins an instant, as event mode is entered.
+    fn begin(&self, _: &mut Instance) {}
+
+    /// A copy of what is saved of an instant.
+    fn copy(&self, _: &PresentInstant) -> PresentInstant {
+        PresentInstant::default()
+    }
+
+    /// Restores it.
+    fn assign(&self, _to: &mut PresentInstant, _from: &PresentInstant) {}
+
     /// Saves what is not in the model.
-    fn save(&self, _: &Instant, _: &mut StateWriter) -> Result<(), StateError> {
+    fn save(&self, _: &PresentInstant, _: &mut StateWriter) -> Result<(), StateError> {
         Ok(())
     }
 
-    fn load(&self, _: &dyn AnyModel, _: &mut StateReader<'_>) -> Result<Instant, StateError> {
-        Ok(Instant::default())
+    fn load(
+        &self,
+        _: &dyn AnyModel,
+        _: &mut StateReader<'_>,
+    ) -> Result<PresentInstant, StateError> {
+        Ok(PresentInstant::default())
     }
 }
 

@@ -19,7 +19,9 @@ impl Instance {
         let lifecycle = &mut self.shared.lifecycle;
         // In step mode, nothing is computed for event mode.
         lifecycle.stale |= lifecycle.state == State::StepMode;
-        self.shared.instant.begin();
+        if let Some(clocks) = self.shared.clocks {
+            clocks.begin(self);
+        }
         self.enter(State::Event);
         Ok(())
     }

@@ -21,7 +21,7 @@ use crate::error::{ModelError, Severity, ensure};
 use crate::layout::ModelInfo;
 use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::log::Log;
-use crate::model_clocks::Instant;
+use crate::model_clocks::PresentInstant;
 use crate::preemption::Preemption;
 use crate::resources::Folder;
 
@@ -147,7 +147,7 @@ pub(crate) struct Shared {
     /// The clocks of a model that has some.
     pub(crate) clocks: Option<&'static dyn Clocks>,
     /// The present instant of a model with clocks, in event mode.
-    pub(crate) instant: Instant,
+    pub(crate) instant: PresentInstant,
     /// The threads on which the host is told of news about clocks, in scheduled execution.
     pub(crate) updating: Vec<ThreadId>,
     pub(crate) settings: Settings,
@@ -193,7 +193,7 @@ impl<M: AnyModel> Instance<M> {
                 lifecycle: Lifecycle::new(settings.instance_type),
                 rate_clocks: RateClocks::unset(info.rates),
                 clocks,
-                instant: Instant::default(),
+                instant: PresentInstant::default(),
                 updating: Vec::with_capacity(match settings.instance_type {
                     InstanceType::ScheduledExecution => 8, // so that an activation allocates nothing
                     _ => 0,
@@ -361,7 +361,7 @@ impl Instance {
         shared.lifecycle = Lifecycle::new(shared.lifecycle.instance_type);
         shared.rate_clocks = RateClocks::unset(self.model.info().rates);
         shared.starts = None;
-        shared.instant = Instant::default();
+        shared.instant = PresentInstant::default();
         self.enter(State::Instantiated);
         Ok(())
     }

@@ -7,6 +7,9 @@
 //! result. If the host sets something afterwards, the model returns to what it was before the evaluation, so that the
 //! next one is of the new values.
 
+use std::any::Any;
+use std::ops::{Deref, DerefMut};
+
 use fmi_abi::fmi3::fmi3Clock;
 use fmi_abi::state::State;
 use fmu_description::derive::{ClockType, Timing};
@@ -66,7 +69,7 @@ enum Stage {
 
 impl Instant {
     /// What is saved of it.
-    pub(crate) fn copy(&self) -> Self {
+    fn copy(&self) -> Self {
         let is_evaluated = matches!(self.stage, Stage::Evaluated { .. });
         let before = self.before.as_ref().filter(|_| is_evaluated);
         Self {
@@ -78,16 +81,43 @@ impl Instant {
     }
 
     /// Becomes a copy of another one.
-    pub(crate) fn assign(&mut self, from: &Self) {
+    fn assign(&mut self, from: &Self) {
         let copy = from.copy();
         self.stage = copy.stage;
         self.before = copy.before.or(self.before.take());
         self.activated = copy.activated;
     }
+}
 
-    /// Begins another instant, as event mode is entered.
-    pub(crate) fn begin(&mut self) {
-        self.stage = Stage::Begun;
+/// The present instant of any instance: without clocks, there is none, and libraries of such models know no more of it.
+#[derive(Default)]
+pub(crate) struct PresentInstant(Option<Box<dyn Any>>);
+
+impl Deref for PresentInstant {
+    type Target = Instant;
+
+    fn deref(&self) -> &Instant {
+        const BEGUN: &Instant = &Instant {
+            clocks: Vec::new(),
+            previous: Vec::new(),
+            stage: Stage::Begun,
+            before: None,
+            activated: Vec::new(),
+        };
+        self.0.as_ref().and_then(|instant| instant.downcast_ref()).unwrap_or(BEGUN)
+    }
+}
+
+impl DerefMut for PresentInstant {
+    fn deref_mut(&mut self) -> &mut Instant {
+        let instant = self.0.get_or_insert_with(|| Box::new(Instant::default()));
+        instant.downcast_mut().unwrap_or_else(|| unreachable!("an instant"))
+    }
+}
+
+impl From<Instant> for PresentInstant {
+    fn from(instant: Instant) -> Self {
+        Self(Some(Box::new(instant)))
     }
 }
 
@@ -254,7 +284,7 @@ impl ModelClocks {
         instance.shared.lifecycle.time = time;
         let acted = Self::act(instance);
         Self::deactivate(instance, is_input);
-        instance.shared.instant.begin();
+        instance.shared.instant.stage = Stage::Begun;
         acted
     }
 
@@ -289,7 +319,7 @@ impl ModelClocks {
     /// Has the model act at the ticks of active clocks, or at an event. Returns whether states changed.
     fn act_once(instance: &mut Instance, time: f64) -> Result<bool, ModelError> {
         let Instance { shared, model } = &mut *instance;
-        let Instant { clocks, previous, .. } = &mut shared.instant;
+        let Instant { clocks, previous, .. } = &mut *shared.instant;
         previous.clear();
         for scalar in &*clocks {
             let clock = clock_of(model, scalar);
@@ -307,7 +337,7 @@ impl ModelClocks {
             }
         };
         let Instance { shared, model } = instance;
-        let Instant { clocks, previous, .. } = &shared.instant;
+        let Instant { clocks, previous, .. } = &*shared.instant;
         for (scalar, previous) in clocks.iter().zip(previous) {
             settle(scalar, clock_of(model, scalar), previous)?;
         }
@@ -444,7 +474,7 @@ impl Clocks for ModelClocks {
         let acted = Self::act_once(instance, time);
         if acted.as_ref().is_err_and(|error| error.severity() != Severity::Broken) {
             let Instance { shared, model } = &mut *instance;
-            let Instant { clocks, previous, .. } = &shared.instant;
+            let Instant { clocks, previous, .. } = &*shared.instant;
             for (scalar, previous) in clocks.iter().zip(previous) {
                 *clock_of(model, scalar) = *previous;
             }
@@ -749,7 +779,7 @@ impl Clocks for ModelClocks {
     /// What another activation has told, it does not tell again.
     fn has_update(&self, instance: &mut Instance) -> bool {
         let Instance { shared, model } = instance;
-        let Instant { clocks, previous, .. } = &shared.instant;
+        let Instant { clocks, previous, .. } = &*shared.instant;
         clocks.iter().zip(previous).any(|(scalar, previous)| {
             let clock = clock_of(model, scalar);
             let is_countdown =
@@ -761,7 +791,19 @@ impl Clocks for ModelClocks {
         })
     }
 
-    fn save(&self, instant: &Instant, to: &mut StateWriter) -> Result<(), StateError> {
+    fn begin(&self, instance: &mut Instance) {
+        instance.shared.instant.stage = Stage::Begun;
+    }
+
+    fn copy(&self, instant: &PresentInstant) -> PresentInstant {
+        Instant::copy(instant).into()
+    }
+
+    fn assign(&self, to: &mut PresentInstant, from: &PresentInstant) {
+        Instant::assign(to, from);
+    }
+
+    fn save(&self, instant: &PresentInstant, to: &mut StateWriter) -> Result<(), StateError> {
         let (stage, states_changed): (u8, bool) = match instant.stage {
             Stage::Begun => (0, false),
             Stage::Ended => (1, false),
@@ -782,7 +824,7 @@ impl Clocks for ModelClocks {
         &self,
         model: &dyn AnyModel,
         from: &mut StateReader<'_>,
-    ) -> Result<Instant, StateError> {
+    ) -> Result<PresentInstant, StateError> {
         let (stage, states_changed): (u8, bool) = from.take()?;
         let activated = from.take()?;
         let stage = match stage {
@@ -799,6 +841,6 @@ impl Clocks for ModelClocks {
             }
             _ => None,
         };
-        Ok(Instant { stage, before, activated, ..Instant::default() })
+        Ok(Instant { stage, before, activated, ..Instant::default() }.into())
     }
 }

@@ -10,7 +10,7 @@ use crate::clock::RateClocks;
 use crate::error::{ModelError, ensure};
 use crate::instance::{Guid, Instance};
 use crate::lifecycle::Lifecycle;
-use crate::model_clocks::Instant;
+use crate::model_clocks::PresentInstant;
 use crate::pointers::readable;
 use crate::saved::Saved;
 
@@ -35,7 +35,7 @@ pub(crate) struct Snapshot {
     starts: Option<Box<dyn AnyModel>>,
     model: Box<dyn AnyModel>,
     /// Of a model with clocks.
-    instant: Instant,
+    instant: PresentInstant,
 }
 
 impl Instance {
@@ -48,7 +48,10 @@ impl Instance {
             clocks: self.shared.rate_clocks.clone(),
             starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
             model: self.model.copy(),
-            instant: self.shared.instant.copy(),
+            instant: match self.shared.clocks {
+                Some(clocks) => clocks.copy(&self.shared.instant),
+                None => PresentInstant::default(),
+            },
         })
     }
 
@@ -89,7 +92,9 @@ impl Instance {
         shared.lifecycle = snapshot.lifecycle;
         shared.rate_clocks.clone_from(&snapshot.clocks);
         shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
-        shared.instant.assign(&snapshot.instant);
+        if let Some(clocks) = shared.clocks {
+            clocks.assign(&mut shared.instant, &snapshot.instant);
+        }
         Ok(())
     }
 
@@ -153,7 +158,7 @@ impl Instance {
         let starts = if has_starts { Some(load()?) } else { None };
         let instant = match self.shared.clocks {
             Some(clocks) => clocks.load(&self.model, &mut loader).map_err(|_| damaged())?,
-            None => Instant::default(),
+            None => PresentInstant::default(),
         };
         if !loader.is_empty() {
             return Err(damaged());
