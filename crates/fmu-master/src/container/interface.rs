@@ -209,7 +209,8 @@ fn variable(plan: &Plan, id: ScalarId, source: Source) -> Variable {
             _ => Some(Initial::Exact),
         },
         exported: ExportInfo { nominal: 1.0, ..ExportInfo::default() },
-        of_type: of_fmu.of_type,
+        // Whether a clock has ticked.
+        of_type: if of_fmu.of_type == Type::Clock { Type::Boolean } else { of_fmu.of_type },
         unit,
         display_unit: display,
         mime_type: of_fmu.mime_type.clone(),

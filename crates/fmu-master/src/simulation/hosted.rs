@@ -8,6 +8,7 @@ use crate::access_list::{AccessList, accessor};
 use crate::component_instance::CallResult;
 use crate::components::ScalarId;
 use crate::start::ComponentStarts;
+use crate::wiring::ClockedColumn;
 
 impl Simulation<'_> {
     /// Initializes until values can be read, with the stop time of the experiment if it `has_stop`.
@@ -46,6 +47,10 @@ impl Simulation<'_> {
         self.row.store.record::<false>(&wiring.recorded_before, &self.outputs);
         self.row.store.record::<false>(&wiring.recorded_after, &self.outputs);
         self.row.store.record::<false>(&wiring.recorded_at_ticks, &self.outputs);
+        // A host sees what has ticked last.
+        for ClockedColumn { from, to, .. } in &wiring.clocked_columns {
+            self.row.store.others[*to] = Some(self.outputs.value(*from));
+        }
     }
 
     /// Takes the step from communication point `k`.
