@@ -192,12 +192,11 @@ fn clocks(
                 let targets = targets.unwrap_or_default();
                 inputs.push(InputClock { reference, name, of_type, priority, given, targets });
             }
-            Causality::Output => {
-                // In scheduled execution, the FMU says only once that a clock ticks.
-                if loaded.fmu.is_scheduled() || targets.is_some() || used.contains(&reference) {
-                    let targets = targets.unwrap_or_default();
-                    outputs.push(OutputClock { reference, targets });
-                }
+            // In scheduled execution, the FMU says only once that a clock ticks.
+            Causality::Output
+                if loaded.fmu.is_scheduled() || targets.is_some() || used.contains(&reference) =>
+            {
+                outputs.push(OutputClock { reference, targets: targets.unwrap_or_default() });
             }
             _ => {}
         }
