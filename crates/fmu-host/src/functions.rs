@@ -95,13 +95,12 @@ macro_rules! method {
     };
 }
 
-/// Calls the component, if the FMU is one. Components have no scheduled execution, and the host asks for no dependencies.
+/// Calls the component, if the FMU is one. The host asks components for no dependencies.
 #[cfg(feature = "sandbox")]
 macro_rules! component {
     ($handle:ident Fmi2 $($rest:tt)*) => {};
     ($handle:ident Fmi3 fmi3GetNumberOfVariableDependencies $($rest:tt)*) => {};
     ($handle:ident Fmi3 fmi3GetVariableDependencies $($rest:tt)*) => {};
-    ($handle:ident Fmi3 fmi3ActivateModelPartition $($rest:tt)*) => {};
     ($handle:ident Fmi3 $name:ident $op:ident $($_0:ident)|*; [$($param:ident),*] $($arg:ident: $kind:tt,)*) => {
         if let Some(component) = &mut $handle.component {
             let status = match &$handle.observer {

@@ -97,6 +97,7 @@ impl Interface<'_> {
             ("@PREFIX@", &format!("{}_", self.identifier)),
             ("@ARGUMENTS@", &ARGUMENTS.to_string()),
             ("@SCHEDULED@", if self.is_scheduled { SCHEDULED_HOST } else { "" }),
+            ("@NOT_SCHEDULED@", if self.is_scheduled { ", NULL, NULL, NULL, 0" } else { "" }),
             ("@IS_SERIALIZED@", if self.is_serialized { "1" } else { "0" }),
             ("@FREE_STATE@", operation("free_fmu_state")),
             ("@DESERIALIZE_STATE@", operation("deserialize_fmu_state")),

@@ -75,9 +75,6 @@ impl CompiledComponent {
         callbacks: *mut c_void,
     ) -> Result<Option<Box<ComponentInstance>>> {
         let function = arguments.interface_type.instantiation(FmiVersion::Fmi3);
-        if arguments.interface_type == InterfaceType::ScheduledExecution {
-            return Err(Failure::new(function, Cause::Missing));
-        }
         let data = HostState::new(
             callbacks,
             arguments.treatment != Treatment::NoLogger,

@@ -61,7 +61,13 @@ impl ImportCall<'_> {
                 let status = Status::from(status.0);
                 self.caller.data().log(LogMessage { instance, status, category, text });
             }
-            "clock-update" | "lock-preemption" | "unlock-preemption" => {}
+            // It cannot be called while it waits, when the host would ask for its clocks.
+            "clock-update" => {
+                return Err(Error::msg(
+                    "it has news about clocks, for which this host cannot ask a component",
+                ));
+            }
+            "lock-preemption" | "unlock-preemption" => {}
             "intermediate-update" => {
                 logger::pass_update(ptr::without_provenance_mut(self.caller.data().callbacks));
                 // It requests no early return.

@@ -311,6 +311,12 @@ impl ComponentInstance {
         self.set_flags(Operation::set_clock, r, values)
     }
 
+    pub(crate) fn activate_model_partition(&mut self, clock: u32, time: f64) -> fmi3Status {
+        let given = [Argument::Whole(clock), Argument::Float(time)];
+        let by = Operation::activate_model_partition;
+        status(self.call_for_status(by, "borrow,u32,f64->status", &given))
+    }
+
     /// Gets records of `N` numbers, each of which takes 8 bytes.
     fn get_records<const N: usize>(
         &mut self,

@@ -71,6 +71,7 @@ fn header(version: FmiVersion, prefix: &str) -> String {
         ("uint32_t MODEL(import_resource_size)(Model *m", 2),
         ("uint32_t MODEL(import_read_resource)(Model *m", 4),
         ("uint32_t MODEL(import_intermediate_update)(Model *m, double", 5),
+        ("void MODEL(import_clock_update)(Model *m", 0),
     ];
     let imports = imports.map(|(head, n)| format!("{head}{});\n", ", uint32_t".repeat(n)));
     let exports: String =
@@ -103,10 +104,19 @@ fn a_compiler_has_no_warnings_and_the_functions_are_those_of_the_standard() {
         {
             let interface = interface(version, interface_types);
             let file = interface.file_name();
-            write(file, interface.text());
-            let options = ["-DFMU_STATIC_INSTANCES=2", "-DFMU_NO_FILES", HEADERS];
-            for more in [&[][..], &options[..1], &options[1..2], &options[2..], &options] {
-                compile(folder.path(), &[&["-fsyntax-only", file], more].concat());
+            let mut texts = vec![interface.text()];
+            if version == FmiVersion::Fmi3 {
+                let imports = &["log", "clock_update"];
+                texts.push(
+                    Interface { has_clocks: true, is_scheduled: true, imports, ..interface }.text(),
+                );
+            }
+            for text in texts {
+                write(file, text);
+                let options = ["-DFMU_STATIC_INSTANCES=2", "-DFMU_NO_FILES", HEADERS];
+                for more in [&[][..], &options[..1], &options[1..2], &options[2..], &options] {
+                    compile(folder.path(), &[&["-fsyntax-only", file], more].concat());
+                }
             }
         }
     }

@@ -131,7 +131,7 @@ unsafe extern "C" fn instantiate_scheduled_execution(
         (&name, &token),
         InstanceType::ScheduledExecution,
         settings,
-        crate::needs::new_scheduled_execution,
+        |i| crate::needs::new_scheduled_execution(i),
     )
 }
 

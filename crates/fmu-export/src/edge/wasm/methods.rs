@@ -199,7 +199,7 @@ type Fraction = [u64; 2];
 #[unsafe(no_mangle)]
 unsafe extern "C" fn get_clock(instance: Pointer, clocks: *const u32, n: usize) -> Values<u8> {
     // SAFETY: the host's promises; the memory is for as many values.
-    values(instance, n, |first, n| unsafe { fmi3GetClock(instance, clocks, n, first) })
+    unsafe { values(instance, n, |first, n| fmi3GetClock(instance, clocks, n, first)) }
 }
 
 #[unsafe(no_mangle)]
@@ -209,7 +209,7 @@ unsafe extern "C" fn get_shift_decimal(
     n: usize,
 ) -> Values<f64> {
     // SAFETY: the host's promises; the memory is for as many values.
-    values(instance, n, |first, n| unsafe { fmi3GetShiftDecimal(instance, clocks, n, first) })
+    unsafe { values(instance, n, |first, n| fmi3GetShiftDecimal(instance, clocks, n, first)) }
 }
 
 #[unsafe(no_mangle)]
@@ -218,18 +218,18 @@ unsafe extern "C" fn get_interval_decimal(
     clocks: *const u32,
     n: usize,
 ) -> Values<Qualified<f64>> {
-    values(instance, n, |first: *mut Qualified<f64>, n| {
-        let (mut intervals, mut qualifiers) = (vec![0.0; n], vec![0; n]);
-        let (all, of_all) = (intervals.as_mut_ptr(), qualifiers.as_mut_ptr());
-        // SAFETY: the host's promises; the memory is for as many values.
-        unsafe {
+    // SAFETY: the host's promises; the memory is for as many values.
+    unsafe {
+        values(instance, n, |first: *mut Qualified<f64>, n| {
+            let (mut intervals, mut qualifiers) = (vec![0.0; n], vec![0; n]);
+            let (all, of_all) = (intervals.as_mut_ptr(), qualifiers.as_mut_ptr());
             let status = fmi3GetIntervalDecimal(instance, clocks, n, all, of_all);
             for (k, (interval, qualifier)) in intervals.into_iter().zip(qualifiers).enumerate() {
                 first.add(k).write(Qualified { interval, qualifier: qualifier as u8 });
             }
             status
-        }
-    })
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -238,21 +238,21 @@ unsafe extern "C" fn get_interval_fraction(
     clocks: *const u32,
     n: usize,
 ) -> Values<Qualified<Fraction>> {
-    values(instance, n, |first: *mut Qualified<Fraction>, n| {
-        let (mut counters, mut resolutions) = (vec![0; n], vec![0; n]);
-        let mut qualifiers = vec![0; n];
-        let (all, of_all) = (counters.as_mut_ptr(), resolutions.as_mut_ptr());
-        let qualified = qualifiers.as_mut_ptr();
-        // SAFETY: the host's promises; the memory is for as many values.
-        unsafe {
+    // SAFETY: the host's promises; the memory is for as many values.
+    unsafe {
+        values(instance, n, |first: *mut Qualified<Fraction>, n| {
+            let (mut counters, mut resolutions) = (vec![0; n], vec![0; n]);
+            let mut qualifiers = vec![0; n];
+            let (all, of_all) = (counters.as_mut_ptr(), resolutions.as_mut_ptr());
+            let qualified = qualifiers.as_mut_ptr();
             let status = fmi3GetIntervalFraction(instance, clocks, n, all, of_all, qualified);
             for (k, qualifier) in qualifiers.into_iter().enumerate() {
                 let interval = [counters[k], resolutions[k]];
                 first.add(k).write(Qualified { interval, qualifier: qualifier as u8 });
             }
             status
-        }
-    })
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -261,18 +261,18 @@ unsafe extern "C" fn get_shift_fraction(
     clocks: *const u32,
     n: usize,
 ) -> Values<Fraction> {
-    values(instance, n, |first: *mut Fraction, n| {
-        let (mut counters, mut resolutions) = (vec![0; n], vec![0; n]);
-        let (all, of_all) = (counters.as_mut_ptr(), resolutions.as_mut_ptr());
-        // SAFETY: the host's promises; the memory is for as many values.
-        unsafe {
+    // SAFETY: the host's promises; the memory is for as many values.
+    unsafe {
+        values(instance, n, |first: *mut Fraction, n| {
+            let (mut counters, mut resolutions) = (vec![0; n], vec![0; n]);
+            let (all, of_all) = (counters.as_mut_ptr(), resolutions.as_mut_ptr());
             let status = fmi3GetShiftFraction(instance, clocks, n, all, of_all);
             for (k, shift) in counters.into_iter().zip(resolutions).enumerate() {
                 first.add(k).write(shift.into());
             }
             status
-        }
-    })
+        })
+    }
 }
 
 /// Defines functions that set something of each clock.
