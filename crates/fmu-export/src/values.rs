@@ -6,7 +6,7 @@ use std::fmt::Display;
 use fmi_abi::FmiVersion;
 use fmi_abi::state::{RECONFIGURATION, RUNNING, State};
 use fmu_description::ScalarVariable;
-use fmu_description::table::Declaration;
+use fmu_description::table::{Bounds, Declaration};
 use fmu_description::value::Whole;
 use fmu_description::{Causality, Dynamics, Number, Type, Value, Variability};
 
@@ -36,6 +36,13 @@ impl HostValue {
             Self::Whole(value) => {
                 whole = Whole(value);
                 (Value::whole(of_type, value), &whole)
+            }
+            Self::Other(Ok(Value::Binary(bytes))) => {
+                let (size, value) = (bytes.len(), Value::Binary(bytes));
+                return match field.bounds.contain(&value) {
+                    true => Ok(value),
+                    false => Err(format!("{size} bytes")),
+                };
             }
             Self::Other(value) => return value,
         };
@@ -119,6 +126,10 @@ impl Instance {
         }
         let scalar = self.scalar_of_type(of_type, element)?;
         let value = self.model.get(&scalar);
+        if let (Value::Binary(bytes), Bounds::Size(max)) = (&value, scalar.variable.bounds) {
+            let (name, size) = (scalar.name(), bytes.len());
+            ensure!(size <= max, "{name} has {size} bytes, more than its maximum size of {max}");
+        }
         let fitting = match of_type {
             same if same == value.of_type() => return Ok(value),
             Type::Float64 => value.as_real().map(Value::Float64),

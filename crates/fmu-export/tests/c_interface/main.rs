@@ -24,6 +24,7 @@ mod samples;
 mod saved;
 mod scheduled;
 mod single_instance;
+mod sizes;
 mod standard;
 mod states;
 mod steps;
