@@ -14,6 +14,8 @@ use crate::lifecycle::InstanceType;
 use crate::log::{self, Log, Sink};
 use crate::needs::new_co_simulation;
 use crate::pointers::Pointer;
+#[cfg(feature = "scheduled-execution")]
+use crate::preemption::Preemption;
 use crate::resources::Folder;
 
 #[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
@@ -121,8 +123,9 @@ unsafe extern "C" fn instantiate_scheduled_execution(
     // SAFETY: the host's promises.
     let (name, token) = unsafe { (text(name, name_length), text(token, token_length)) };
     let clock_update = fmu_export_models().iter().find_map(|model| model.needs.clock_update);
-    // A host cannot preempt a call of a component.
+    // A host cannot preempt a call of a component, so there is nothing to lock.
     let settings = Settings {
+        preemption: Some(Preemption::new(None, None, Log::new(None, false))),
         clock_update: clock_update.map(|f| Rc::new(f) as Rc<_>),
         ..settings(&name, logging_on)
     };
