@@ -6,12 +6,15 @@ use fmi_abi::FmiVersion;
 use fmu_description::checks::{check, fail};
 use fmu_description::hash::checksum;
 use fmu_description::interface::guid_of_copy;
+use fmu_description::table::have_clocks;
 use fmu_description::{Interface, Naming, StartOverrides};
 
 use crate::any_model::VariantStarts;
-use crate::clocks::Clocks;
+use crate::clock_functions::ClockFunctions;
+#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+use crate::edge::clocks::CLOCK_FUNCTIONS;
 use crate::fast;
-use crate::instance::{Guid, Identity, Settings};
+use crate::instance::{Clocks, Guid, Identity, Settings};
 use crate::laid_out::LaidOut;
 use crate::lifecycle::{InstanceType, NOT_SCHEDULED};
 use crate::model::Model;
@@ -32,6 +35,8 @@ pub struct Entry {
     naming: Naming,
     /// Its clocks, if it has some.
     clocks: Option<&'static dyn Clocks>,
+    /// The C functions of clocks, if it has some.
+    clock_functions: Option<&'static ClockFunctions>,
     /// Whether the clocks are those of model partitions.
     has_partitions: bool,
     /// Whether the host activates its samples, so that it has scheduled execution only.
@@ -119,6 +124,13 @@ impl Entry {
                 [] => model_clocks::of::<M>(),
                 _ => Some(&SampleClocks),
             },
+            clock_functions: match interface.sample_clocks.is_empty() && !have_clocks(M::ROWS) {
+                true => None,
+                #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+                false => Some(&CLOCK_FUNCTIONS),
+                #[cfg(not(any(feature = "fmi3", not(feature = "fmi2"))))]
+                false => None,
+            },
             has_partitions: M::IS_CLOCKED || !interface.sample_clocks.is_empty(),
             has_sample_clocks: !interface.sample_clocks.is_empty(),
             create: match interface.sample_clocks.is_empty() && !M::IS_CLOCKED {
@@ -187,8 +199,14 @@ impl Entry {
     /// # Errors
     /// The process has an instance, and can have one only.
     pub(crate) fn create(&'static self, settings: Settings) -> Result<Pointer, String> {
-        let Self { guid, variant, naming, clocks, .. } = self;
-        let identity = Identity { guid, variant: *variant, naming: *naming, clocks: *clocks };
+        let Self { guid, variant, naming, clocks, clock_functions, .. } = self;
+        let identity = Identity {
+            guid,
+            variant: *variant,
+            naming: *naming,
+            clocks: *clocks,
+            clock_functions: *clock_functions,
+        };
         let created = (self.create)(settings, identity);
         created.ok_or_else(|| {
             format!(

@@ -13,11 +13,8 @@ use std::slice::{from_raw_parts, from_raw_parts_mut};
 use fmi_abi::FmiFunction;
 use fmi_abi::state::State;
 
-use fmu_description::table::have_clocks;
-
 use crate::any_model::AnyModel;
-#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-use crate::edge::fmi3::{CLOCK_FUNCTIONS, ClockFunctions};
+use crate::clock_functions::ClockFunctions;
 use crate::error::ModelError;
 use crate::instance::{Edge, Identity, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
@@ -41,6 +38,8 @@ pub(crate) struct Head {
     /// Whether the host sees what happens in a step, which is then taken in parts.
     pub(crate) is_stepped_in_parts: bool,
     pub(crate) edge: &'static Edge,
+    /// The functions of clocks, if the model has some.
+    pub(crate) clock_functions: Option<&'static ClockFunctions>,
     /// Lets one call at a time use the instance, if the host may preempt calls.
     preemption: Option<Box<Preemption>>,
 }
@@ -68,9 +67,6 @@ pub(crate) struct Vtable {
     pub(crate) count_elements: unsafe fn(Pointer, *const u32, usize) -> usize,
     instance: unsafe fn(Pointer) -> *mut Instance,
     free: unsafe fn(Pointer),
-    /// The functions of clocks, if the model has some.
-    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-    pub(crate) clock_functions: Option<&'static ClockFunctions>,
 }
 
 /// The head of a hosted instance; `None` for NULL.
@@ -122,7 +118,11 @@ pub(crate) unsafe fn use_instance(
     let mut operation = || operation(unsafe { &mut *(head.vtable.instance)(pointer) });
     match &head.preemption {
         None => operation(),
-        Some(preemption) => preemption.exclude(call, &mut operation),
+        Some(preemption) => {
+            let mut status = Status::Error;
+            preemption.exclude(call, &mut || status = operation());
+            status
+        }
     }
 }
 
@@ -194,11 +194,6 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         count_elements: Self::count_elements,
         instance: Self::instance,
         free: Self::free,
-        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-        clock_functions: match have_clocks(M::ROWS) {
-            true => Some(&CLOCK_FUNCTIONS),
-            false => None,
-        },
     };
     /// Functions that use the instance only if no preempted call does.
     const PREEMPTIBLE: Vtable = Vtable {
@@ -207,16 +202,16 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
         set_variables: set_float64,
         step: refuse_step,
-        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-        clock_functions: Some(&CLOCK_FUNCTIONS),
         ..Self::VTABLE
     };
 
     pub(crate) fn new(settings: Settings, identity: Identity, model: LaidOut<M, N>) -> Box<Self> {
+        let clock_functions = identity.clock_functions;
         let instance = Instance::new(settings, identity, model);
         let is_stepped_in_parts = instance.shared.settings.is_stepped_in_parts();
         let edge = instance.shared.settings.edge;
-        let head = Head { vtable: &Self::VTABLE, is_stepped_in_parts, edge, preemption: None };
+        let vtable = &Self::VTABLE;
+        let head = Head { vtable, is_stepped_in_parts, edge, clock_functions, preemption: None };
         Box::new(Self { head, instance })
     }
 

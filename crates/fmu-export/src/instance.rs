@@ -6,22 +6,24 @@ use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
-use std::thread::ThreadId;
+use std::thread::{self, ThreadId};
 
+use fmi_abi::fmi3::fmi3Clock;
 use fmi_abi::state::State;
 use fmi_abi::{FmiFunction, FmiVersion};
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{LogCategory, Naming, Number, Variability};
+use fmu_description::{
+    LogCategory, Naming, Number, StateError, StateReader, StateWriter, Variability,
+};
 use ode_methods::solver::Workspace;
 
 use crate::any_model::{AnyModel, VariantStarts};
 use crate::clock::RateClocks;
-use crate::clocks::Clocks;
-use crate::error::{ModelError, Severity, ensure};
+use crate::clock_functions::ClockFunctions;
+use crate::error::{ModelError, Severity, ensure, refused};
 use crate::layout::ModelInfo;
 use crate::lifecycle::{InstanceType, Lifecycle};
 use crate::log::Log;
-use crate::model_clocks::PresentInstant;
 use crate::preemption::Preemption;
 use crate::resources::Folder;
 
@@ -119,6 +121,7 @@ pub(crate) struct Identity {
     pub(crate) variant: Option<VariantStarts>,
     pub(crate) naming: Naming,
     pub(crate) clocks: Option<&'static dyn Clocks>,
+    pub(crate) clock_functions: Option<&'static ClockFunctions>,
 }
 
 /// An intermediate update, in which the host may call functions of the instance.
@@ -413,3 +416,136 @@ impl Instance {
         Ok(())
     }
 }
+
+/// Whether the host asks for clocks after an activation, until the next one: it cannot call a component in a callback.
+pub(crate) const UPDATES_AFTERWARDS: bool =
+    cfg!(all(target_arch = "wasm32", not(feature = "sources")));
+
+/// What the clocks of a model do. A model without clocks has none of it in its binary.
+pub(crate) trait Clocks: Sync {
+    /// Computes the model partition of a clock at a time (s), at which it has not been computed before.
+    fn activate(&self, instance: &mut Instance, clock: u32, time: f64) -> Result<(), ModelError>;
+
+    /// The interval of a clock, and what it means now.
+    fn interval(&self, instance: &mut Instance, clock: u32) -> Result<Interval, ModelError>;
+
+    /// The delay (s) of the first tick of a clock.
+    fn shift(&self, instance: &mut Instance, clock: u32) -> Result<f64, ModelError>;
+
+    /// A time of a clock (s) as a counter and its resolution.
+    fn fraction(
+        &self,
+        instance: &mut Instance,
+        clock: u32,
+        time: f64,
+    ) -> Result<(u64, u64), ModelError>;
+
+    /// Whether an activation has news for the host: an output clock has ticked, or an interval is known.
+    fn has_update(&self, _instance: &mut Instance) -> bool {
+        false
+    }
+
+    /// The state that a call finds: on a thread that is told of news about clocks, clock update mode.
+    fn state(&self, instance: &Instance, call: &FmiFunction) -> State {
+        let is_over = UPDATES_AFTERWARDS && call.is_allowed(State::ClockActivation);
+        match instance.shared.lifecycle.state {
+            State::ClockActivation if !is_over && instance.is_updating() => State::ClockUpdate,
+            state => state,
+        }
+    }
+
+    fn set_interval(&self, _: &mut Instance, _: u32, _interval: f64) -> Result<(), ModelError> {
+        refused!("the host does not set when clocks tick")
+    }
+
+    fn set_shift(&self, _: &mut Instance, _: u32, _shift: f64) -> Result<(), ModelError> {
+        refused!("the host does not set when clocks tick")
+    }
+
+    /// Says which clocks are active.
+    fn get(&self, _: &mut Instance, _: &[u32], _: &mut [fmi3Clock]) -> Result<(), ModelError> {
+        refused!("the model has no output clocks")
+    }
+
+    /// Activates and deactivates clocks in event mode.
+    fn set(&self, _: &mut Instance, _: &[u32], _: &[fmi3Clock]) -> Result<(), ModelError> {
+        refused!("clocks are not set in scheduled execution")
+    }
+
+    /// Computes what follows from active clocks, if that has not been done.
+    fn evaluate(&self, _: &mut Instance) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Ends an instant of super-dense time.
+    fn update(&self, _: &mut Instance) -> Result<EventUpdate, ModelError> {
+        refused!("event mode is not for scheduled execution")
+    }
+
+    /// Checks that the last instant is ended, as event mode is left.
+    fn check_ended(&self, _: &mut Instance) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// What must be done before the host gets variables.
+    fn before_get(&self, _: &mut Instance, _references: &[u32]) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// What must be done before the host sets variables, if it may.
+    fn before_set(&self, _: &mut Instance, _references: &[u32]) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Prepares the clocks of a model before its initialization.
+    fn prepare(&self, _: &mut Instance) {}
+
+    /// Takes and checks what the initialization says of clocks.
+    fn initialize(&self, _: &mut Instance) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Begins an instant, as event mode is entered.
+    fn begin(&self, _: &mut Instance) {}
+
+    /// A copy of what is saved of an instant.
+    fn copy(&self, _: &PresentInstant) -> PresentInstant {
+        PresentInstant::default()
+    }
+
+    /// Restores it.
+    fn assign(&self, _to: &mut PresentInstant, _from: &PresentInstant) {}
+
+    /// Saves what is not in the model.
+    fn save(&self, _: &PresentInstant, _: &mut StateWriter) -> Result<(), StateError> {
+        Ok(())
+    }
+
+    fn load(
+        &self,
+        _: &dyn AnyModel,
+        _: &mut StateReader<'_>,
+    ) -> Result<PresentInstant, StateError> {
+        Ok(PresentInstant::default())
+    }
+}
+
+/// The interval of a clock (s), as the host last heard of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Interval {
+    NotYetKnown,
+    Unchanged(f64),
+    Changed(f64),
+}
+
+impl Instance {
+    /// Whether the host is told of news about clocks on this thread.
+    fn is_updating(&self) -> bool {
+        let updating = &self.shared.updating;
+        !updating.is_empty() && updating.contains(&thread::current().id())
+    }
+}
+
+/// The present instant of super-dense time: without clocks, there is none, and libraries of such models know no more of it.
+#[derive(Default)]
+pub(crate) struct PresentInstant(pub(crate) Option<Box<dyn Any>>);

@@ -86,6 +86,7 @@ pub mod c;
 #[cfg(all(target_arch = "wasm32", not(feature = "sources")))]
 mod canonical;
 mod clock;
+mod clock_functions;
 mod clocks;
 mod deprecated;
 mod derivatives;

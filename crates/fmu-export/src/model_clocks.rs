@@ -7,7 +7,6 @@
 //! result. If the host sets something afterwards, the model returns to what it was before the evaluation, so that the
 //! next one is of the new values.
 
-use std::any::Any;
 use std::ops::{Deref, DerefMut};
 
 use fmi_abi::fmi3::fmi3Clock;
@@ -21,9 +20,8 @@ use fmu_description::{
 };
 
 use crate::any_model::AnyModel;
-use crate::clocks::{Clocks, Interval};
 use crate::error::{ModelError, Severity, ensure, refused};
-use crate::instance::{EventUpdate, Instance};
+use crate::instance::{Clocks, EventUpdate, Instance, Interval, PresentInstant};
 use crate::lifecycle::{InstanceType, IntegrationState};
 use crate::model::Model;
 use crate::saved::Saved;
@@ -88,10 +86,6 @@ impl Instant {
         self.activated = copy.activated;
     }
 }
-
-/// The present instant of any instance: without clocks, there is none, and libraries of such models know no more of it.
-#[derive(Default)]
-pub(crate) struct PresentInstant(Option<Box<dyn Any>>);
 
 impl Deref for PresentInstant {
     type Target = Instant;

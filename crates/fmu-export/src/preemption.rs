@@ -8,7 +8,6 @@ use fmi_abi::FmiFunction;
 use fmi_abi::fmi3::fmi3PreemptionCallback;
 use fmu_description::LogCategory;
 
-use crate::instance::Status;
 use crate::log::Log;
 
 /// Lets one call at a time use an instance.
@@ -32,17 +31,12 @@ impl Preemption {
     }
 
     /// Performs a call that uses the instance, unless another one does.
-    pub(crate) fn exclude(
-        &self,
-        call: &FmiFunction,
-        operation: &mut dyn FnMut() -> Status,
-    ) -> Status {
+    pub(crate) fn exclude(&self, call: &FmiFunction, operation: &mut dyn FnMut()) {
         call_back(self.lock);
-        let status = match self.is_in_use.swap(true, Ordering::Acquire) {
+        match self.is_in_use.swap(true, Ordering::Acquire) {
             false => {
-                let status = operation();
+                operation();
                 self.is_in_use.store(false, Ordering::Release);
-                status
             }
             true => {
                 let message = format_args!(
@@ -50,11 +44,9 @@ impl Preemption {
                     call.name
                 );
                 self.log.send(LogCategory::Error, message);
-                Status::Error
             }
-        };
+        }
         call_back(self.unlock);
-        status
     }
 
     /// Whether a call uses the instance.

@@ -5,9 +5,8 @@ use fmi_abi::state::State;
 use fmu_description::references::first_sample_clock;
 
 use crate::clock::SampleClock;
-use crate::clocks::{Clocks, Interval};
 use crate::error::{ModelError, ensure, refused};
-use crate::instance::Instance;
+use crate::instance::{Clocks, Instance, Interval};
 
 /// The clocks of a model with sample times, which are no variables of its author.
 pub(crate) struct SampleClocks;

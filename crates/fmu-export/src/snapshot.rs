@@ -8,9 +8,8 @@ use fmu_description::{StateReader, StateWriter};
 use crate::any_model::AnyModel;
 use crate::clock::RateClocks;
 use crate::error::{ModelError, ensure};
-use crate::instance::{Guid, Instance};
+use crate::instance::{Guid, Instance, PresentInstant};
 use crate::lifecycle::Lifecycle;
-use crate::model_clocks::PresentInstant;
 use crate::pointers::readable;
 use crate::saved::Saved;
 

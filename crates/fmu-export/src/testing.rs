@@ -59,6 +59,7 @@ pub fn instance<M: Model, const N: usize>(model: M) -> DrivenInstance {
         variant: None,
         naming,
         clocks: model_clocks::of::<M>(),
+        clock_functions: None,
     };
     let model = LaidOut::<M, N>::with_model(model, naming);
     DrivenInstance(HostedInstance::new(settings, identity, model))

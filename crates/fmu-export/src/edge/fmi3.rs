@@ -22,7 +22,6 @@ use fmu_description::{Type, Value};
 
 use super::instantiate;
 use crate::any_model::SolverVector;
-use crate::clocks::UPDATES_AFTERWARDS;
 use crate::entry::Entry;
 use crate::error::ModelError;
 use crate::fast::{self, call, free, head, instance_at};
@@ -45,7 +44,6 @@ pub(super) static EDGE: Edge = Edge {
 };
 
 fmi3_functions!(entries! fmi3Instance fmi3Status);
-fmi3_functions!(clock_functions!);
 
 /// Why a function of the model is not supported.
 pub(super) fn unsupported(name: &str) -> &'static str {
@@ -223,12 +221,6 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     fmi3Status(status as c_int)
 }
 
-/// Ends an update of clocks, also if the instance has failed in it.
-fn end_clock_update(instance: &mut Instance) -> Status {
-    instance.end_clock_update();
-    Status::Ok
-}
-
 exported! { ScheduledExecution
     /// `fmi3ActivateModelPartition`
     pub unsafe extern "C" fn fmi3ActivateModelPartition(
@@ -237,40 +229,15 @@ exported! { ScheduledExecution
         time: f64,
     ) -> fmi3Status {
         // SAFETY: the host's promises, as for all entry points.
-        let status = unsafe {
-            match head(instance).and_then(|head| head.vtable.clock_functions) {
+        unsafe {
+            match head(instance).and_then(|head| head.clock_functions) {
                 Some(functions) => (functions.activate)(instance, clock, time),
-                None => fast::refuse(instance, &calls::fmi3ActivateModelPartition, NOT_SCHEDULED),
-            }
-        };
-        fmi3Status(status as c_int)
-    }
-}
-
-/// Computes a model partition, and tells the host of news about clocks.
-///
-/// # Safety
-/// The host's promises, as for all entry points.
-unsafe fn activate(instance: fmi3Instance, clock: u32, time: f64) -> Status {
-    let (operation, mut update) = (&calls::fmi3ActivateModelPartition, None);
-    // SAFETY: the caller's promises.
-    unsafe {
-        let status = call(instance, operation, |instance| {
-            if UPDATES_AFTERWARDS {
-                instance.end_clock_update();
-            }
-            instance.activate_model_partition(clock, time)?;
-            update = instance.begin_clock_update();
-            Ok(())
-        });
-        // The host may call functions of the instance, which no call uses now.
-        if let Some(update) = update {
-            update();
-            if !UPDATES_AFTERWARDS {
-                fast::use_instance(instance, operation, &mut end_clock_update);
+                None => {
+                    let activate = &calls::fmi3ActivateModelPartition;
+                    fmi3Status(fast::refuse(instance, activate, NOT_SCHEDULED) as c_int)
+                }
             }
         }
-        status
     }
 }
 

@@ -97,7 +97,7 @@ macro_rules! entry {
             pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
                 // SAFETY: the host's promises, as for all entry points.
                 unsafe {
-                    match head(instance).and_then(|head| head.vtable.clock_functions) {
+                    match head(instance).and_then(|head| head.clock_functions) {
                         Some(functions) => (functions.$operation)(instance, $($arg),*),
                         None => $s(crate::edge::refuse(instance, &calls::$name, unsupported) as c_int),
                     }
@@ -154,13 +154,7 @@ macro_rules! clock_functions {
         Clocks { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($_2:ident)|+;)* }
         $($_3:ident { $($_4:tt)* })*
     ) => {
-        /// The functions of models with clocks, under the names of their operations.
-        pub(crate) struct ClockFunctions {
-            $($operation: unsafe extern "C" fn(fmi3Instance, $(c_type!($kind)),*) -> fmi3Status,)*
-            activate: unsafe fn(fmi3Instance, u32, f64) -> Status,
-        }
-
-        /// All of them.
+        /// The functions of models with clocks.
         #[allow(unused_variables, unused_mut, reason = "as for other entry points")]
         pub(crate) static CLOCK_FUNCTIONS: ClockFunctions = ClockFunctions {
             $($operation: {
@@ -221,6 +215,8 @@ macro_rules! apply {
     };
 }
 
+#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+pub(crate) mod clocks;
 #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
 pub mod fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
