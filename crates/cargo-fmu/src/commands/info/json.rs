@@ -50,7 +50,7 @@ fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Valu
     let clocks = signals::clocks(model);
     let variables = model.variables().map(|(_, variable)| {
         let mut shown = described(variable);
-        for (name, attribute) in signals::attributes(variable, &clocks) {
+        for (name, attribute) in signals::attributes(variable, &clocks, number) {
             shown[name] = attribute;
         }
         shown

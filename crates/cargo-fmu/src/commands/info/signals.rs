@@ -5,8 +5,6 @@ use std::collections::HashMap;
 use fmu_description::{ClockType, ModelDescription, Type, XmlVariable};
 use serde_json::{Value, json};
 
-use super::json::value;
-
 /// The names of the clocks by their value references.
 pub type Clocks<'a> = HashMap<u32, &'a str>;
 
@@ -52,11 +50,14 @@ pub fn binary_lines(model: &ModelDescription<'_>) -> Vec<String> {
     model.variables().filter_map(|(_, variable)| line(variable)).collect()
 }
 
-/// What only clocks, clocked variables and Binaries have, by the names of the attributes.
-pub fn attributes(variable: &XmlVariable<'_>, clocks: &Clocks<'_>) -> Vec<(&'static str, Value)> {
+/// What only clocks, clocked variables and Binaries have, by the names of the attributes; `seconds` makes a number.
+pub fn attributes(
+    variable: &XmlVariable<'_>,
+    clocks: &Clocks<'_>,
+    seconds: fn(f64) -> Value,
+) -> Vec<(&'static str, Value)> {
     let mut all = Vec::new();
     if let Some(clock) = variable.clock {
-        let seconds = |seconds: f64| value(&fmu_description::Value::Float64(seconds));
         all.extend([
             ("intervalVariability", json!(clock.interval_variability.as_str())),
             ("interval", clock.interval.map_or(Value::Null, seconds)),
