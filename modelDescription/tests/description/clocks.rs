@@ -100,7 +100,7 @@ impl Continuous for Ball {
 }
 
 const CLOCKS: Interface = fmu_export::interface::<Clocks, { <Clocks as Variables>::COUNT }>(None);
-static CLOCKS_COPY: [u8; size(&CLOCKS)] = write(&CLOCKS);
+pub static CLOCKS_COPY: [u8; size(&CLOCKS)] = write(&CLOCKS);
 const BALL: Interface = fmu_export::interface::<Ball, { <Ball as Variables>::COUNT }>(None);
 static BALL_COPY: [u8; size(&BALL)] = write(&BALL);
 

@@ -5,8 +5,13 @@ use fmu_description::hash::checksum;
 use fmu_description::interface::{GUID_LENGTH, size, write};
 use fmu_export::prelude::*;
 
+use super::clocks::CLOCKS_COPY;
+
 /// The version of the format, and a hash of a copy in it.
 const FORMAT: (u32, u128) = (9, 0xc11d79da32a313864824d2e67164fdd2);
+
+/// The same of a copy with a supplement, of the model with clocks of all kinds.
+const SUPPLEMENTED: (u32, u128) = (10, 0xdd4566f36a0b25dc1ab5ea4c74792a3d);
 
 /// A model with everything that a copy can have; it never changes.
 #[derive(Model)]
@@ -79,16 +84,21 @@ const INTERFACE: Interface =
     fmu_export::interface::<Everything, { <Everything as Variables>::COUNT }>(None);
 static COPY: [u8; size(&INTERFACE)] = write(&INTERFACE);
 
-#[test]
-fn another_format_has_another_version() {
-    let (header, content) = COPY.split_at(24);
+/// The version of the format of a copy, and a hash of the copy.
+fn format(copy: &[u8]) -> (u32, u128) {
+    let (header, content) = copy.split_at(24);
     let version = u32::from_le_bytes(header[16..20].try_into().unwrap());
     // Without the GUID and the checksum, which follow from the interface.
     let content = &content[..content.len() - GUID_LENGTH - 16];
-    let found = (version, checksum(content));
+    (version, checksum(content))
+}
+
+#[test]
+fn another_format_has_another_version() {
     assert_eq!(
-        found, FORMAT,
-        "the format of the copies changed: raise VERSION in modelDescription/src/interface.rs, so that libraries and \
-         programs of different versions notice it, and write what was found to FORMAT"
+        (format(&COPY), format(&CLOCKS_COPY)),
+        (FORMAT, SUPPLEMENTED),
+        "the format of the copies changed: raise VERSION, or SUPPLEMENTED, in modelDescription/src/interface.rs, so that libraries and \
+         programs of different versions notice it, and write what was found here"
     );
 }
