@@ -28,7 +28,7 @@ pub(crate) fn inputs(
             _ if connected.contains(id) => Some("it is connected"),
             _ if of_table.contains(id) => Some("the table of inputs has a column for it"),
             _ if variable.of_type == Type::Clock => Some("it is a clock"),
-            Causality::Input => id.fmu(components).unusable(id.scalar),
+            Causality::Input => unsettable(id.fmu(components), id.scalar),
             _ => Some("it is not an input"),
         }
     };
@@ -55,7 +55,7 @@ pub(super) fn parameters(
             Causality::Parameter if variable.variability == Variability::Constant => {
                 Some("it is constant")
             }
-            Causality::Parameter => fmu.unusable(id.scalar),
+            Causality::Parameter => unsettable(fmu, id.scalar),
             Causality::StructuralParameter => {
                 Some("it is the size of arrays, which a container cannot change")
             }
@@ -65,6 +65,15 @@ pub(super) fn parameters(
     match &expose.parameters {
         None => Ok(components.scalars().filter(|id| refusal(id).is_none()).collect()),
         Some(names) => chosen("parameters", names, components, refusal),
+    }
+}
+
+/// Why the host of a container cannot set a scalar, if so.
+fn unsettable(fmu: &Fmu, scalar: usize) -> Option<&'static str> {
+    match fmu.variable(scalar) {
+        variable if variable.is_of_ticks() => Some("a container keeps its clocks to itself"),
+        variable if variable.of_type == Type::Binary => Some("a container takes no Binary"),
+        _ => fmu.unusable(scalar),
     }
 }
 
