@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from native import refusal, run
+from native import LOOPS, read_csv, refusal, run
 from pendulum_fmus import table1
 from pendulum_fmus.loop import PREVIOUS_SAMPLE_TERMS, TS, Columns, Loop
 from pendulum_fmus.master import Component, FmpySystem, MasterError, simulate
@@ -65,6 +65,27 @@ def test_all_loops_of_table_1_have_the_bits_of_co_simulation(fmus, scheduled, lo
     assert np.ptp(expected["controller.u"]) > 0
     for name, column in expected.items():
         assert found[name].tobytes() == column.tobytes(), name
+
+
+@pytest.mark.parametrize("name", ["pid", "pid-rbf", "ipid-rbf"])
+def test_the_native_master_gives_the_bits_of_co_simulation(fmus, scheduled, name, tmp_path):
+    """In the systems of the examples, whose controllers have the only clock."""
+    text = (LOOPS / f"{name}.toml").read_text(encoding="utf-8")
+    text = text.replace("stop = 20.0", "stop = 6.0")
+    columns = []
+    for controllers in (fmus, scheduled):
+        system = tmp_path / "system.toml"
+        of_model = {model: controllers / f"{model}_fmi3.fmu" for model in PREVIOUS_SAMPLE_TERMS}
+        files = {"Pendulum": fmus / "Pendulum.fmu", "Source": fmus / "Source.fmu"} | of_model
+        described = text
+        for model, file in files.items():
+            described = described.replace(f"../../target/fmu/{model}.fmu", file.as_posix())
+        system.write_text(described, encoding="utf-8")
+        outputs = ("--output=controller.u", "--output=plant.theta")
+        run("simulate", system, "--csv", tmp_path / "out.csv", *outputs)
+        columns.append(read_csv(tmp_path / "out.csv"))
+    for column, values in columns[0].items():
+        assert values.tobytes() == columns[1][column].tobytes(), column
 
 
 def test_the_clock_of_the_sample_has_the_interval_of_the_sample_time(scheduled):
