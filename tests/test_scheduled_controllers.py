@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from ctypes import byref, c_double, c_int, c_uint
 from pathlib import Path
 
 import numpy as np
@@ -30,10 +31,11 @@ class Scheduled(Component):
 
     def interval(self) -> tuple[float, int]:
         """Return the interval [s] of the clock, and its qualifier."""
-        (interval,), (qualifier,) = self.fmu.getIntervalDecimal(
-            [self.variable("sample").valueReference]
-        )
-        return interval, qualifier
+        interval, qualifier = c_double(), c_int()
+        clock = byref(c_uint(self.variable("sample").valueReference))
+        function, instance = self.fmu.fmi3GetIntervalDecimal, self.fmu.component
+        function(instance, clock, 1, byref(interval), byref(qualifier))
+        return interval.value, qualifier.value
 
 
 @pytest.fixture(scope="module")
