@@ -25,7 +25,7 @@ impl Interval {
 impl Instance {
     /// The clocks of the model, of which every function for clocks needs some.
     fn clocks(&self) -> Result<&'static dyn Clocks, ModelError> {
-        self.shared.clocks.ok_or_else(|| ModelError::refuse("the model has no clocks"))
+        self.shared.clocks().ok_or_else(|| ModelError::refuse("the model has no clocks"))
     }
 
     pub(crate) fn activate_model_partition(
@@ -45,16 +45,19 @@ impl Instance {
     /// [`end_clock_update`](Self::end_clock_update) follows. A host may preempt the callback by an activation on another
     /// thread, where the instance is not in clock update mode.
     pub(crate) fn begin_clock_update(&mut self) -> Option<ClockUpdate> {
-        let has_update = self.shared.clocks.is_some_and(|clocks| clocks.has_update(self));
-        let update = self.shared.settings.clock_update.clone().filter(|_| has_update)?;
-        self.shared.updating.push(thread::current().id());
+        let has_update = self.shared.clocks().is_some_and(|clocks| clocks.has_update(self));
+        let scheduling = self.shared.settings.scheduling().filter(|_| has_update)?;
+        let update = scheduling.clock_update.clone()?;
+        scheduling.updating.borrow_mut().push(thread::current().id());
         Some(update)
     }
 
     pub(crate) fn end_clock_update(&mut self) {
+        let Some(scheduling) = self.shared.settings.scheduling() else { return };
+        let mut updating = scheduling.updating.borrow_mut();
         let own = thread::current().id();
-        if let Some(place) = self.shared.updating.iter().rposition(|thread| *thread == own) {
-            self.shared.updating.remove(place);
+        if let Some(place) = updating.iter().rposition(|thread| *thread == own) {
+            updating.remove(place);
         }
     }
 

@@ -14,7 +14,7 @@ use crate::clock_functions::ClockFunctions;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
 use crate::edge::clocks::CLOCK_FUNCTIONS;
 use crate::fast;
-use crate::instance::{Clocks, Guid, Identity, Settings};
+use crate::instance::{Clocks, Guid, HAS_CLOCKS, Identity, Settings};
 use crate::laid_out::LaidOut;
 use crate::lifecycle::{InstanceType, NOT_SCHEDULED};
 use crate::model::Model;
@@ -191,7 +191,19 @@ impl Entry {
 
     /// Whether the model has clocks in a version of FMI.
     fn has_clocks(&self, version: FmiVersion) -> bool {
-        version == FmiVersion::Fmi3 && self.clocks.is_some() && !self.has_sample_clocks
+        HAS_CLOCKS && version == FmiVersion::Fmi3 && self.clocks.is_some()
+    }
+
+    /// Whether one of the models has model partitions.
+    #[doc(hidden)]
+    pub const fn have_partitions(mut models: &[Self]) -> bool {
+        while let [model, rest @ ..] = models {
+            if model.has_partitions {
+                return true;
+            }
+            models = rest;
+        }
+        false
     }
 
     /// Creates an instance, to be freed with [`fast::free`].
@@ -248,39 +260,44 @@ impl Entry {
                 known.join(", ")
             )
         })?;
-        match instance_type {
+        let (is_for, is_not_for) = match instance_type {
             InstanceType::ScheduledExecution
                 if !model.has_partitions || !InstanceType::HAS_SCHEDULED_EXECUTION =>
             {
-                Err(NOT_SCHEDULED.into())
+                return Err(NOT_SCHEDULED.into());
             }
             InstanceType::CoSimulation
             | InstanceType::CoSimulationWithEvents
             | InstanceType::ModelExchange
-                if model.has_sample_clocks || InstanceType::HAS_ONLY_SCHEDULED_EXECUTION =>
+                if InstanceType::HAS_ONLY_SCHEDULED_EXECUTION
+                    || InstanceType::HAS_SCHEDULED_EXECUTION && model.has_sample_clocks =>
             {
-                let of_type = instance_type.name();
-                Err(format!("{} is for scheduled execution, not for {of_type}", model.name()))
+                ("scheduled execution", instance_type.name())
             }
             InstanceType::ModelExchange
                 if !model.has_events || !InstanceType::HAS_MODEL_EXCHANGE =>
             {
-                Err(format!("{} is for co-simulation, not for model exchange", model.name()))
+                ("co-simulation", "model exchange")
             }
             InstanceType::CoSimulation | InstanceType::CoSimulationWithEvents
                 if !InstanceType::HAS_CO_SIMULATION =>
             {
-                Err(format!("{} is for model exchange, not for co-simulation", model.name()))
+                ("model exchange", "co-simulation")
             }
-            InstanceType::CoSimulation if model.has_clocks(version) => Err(format!(
-                "eventModeUsed is false, but {} has clocks, which tick in event mode; expected a host with event mode",
-                model.name()
-            )),
-            InstanceType::CoSimulationWithEvents if !model.has_events => Err(format!(
-                "eventModeUsed is true, but {} has no event mode: hasEventMode is false",
-                model.name()
-            )),
-            _ => Ok(model),
-        }
+            InstanceType::CoSimulation if model.has_clocks(version) => {
+                return Err(format!(
+                    "eventModeUsed is false, but {} has clocks, which tick in event mode; expected a host with event mode",
+                    model.name()
+                ));
+            }
+            InstanceType::CoSimulationWithEvents if !model.has_events => {
+                return Err(format!(
+                    "eventModeUsed is true, but {} has no event mode: hasEventMode is false",
+                    model.name()
+                ));
+            }
+            _ => return Ok(model),
+        };
+        Err(format!("{} is for {is_for}, not for {is_not_for}", model.name()))
     }
 }

@@ -19,7 +19,7 @@ impl Instance {
         let lifecycle = &mut self.shared.lifecycle;
         // In step mode, nothing is computed for event mode.
         lifecycle.stale |= lifecycle.state == State::StepMode;
-        if let Some(clocks) = self.shared.clocks {
+        if let Some(clocks) = self.shared.clocks() {
             clocks.begin(self);
         }
         self.enter(State::Event);
@@ -41,12 +41,12 @@ impl Instance {
     }
 
     fn check_instant_ended(&mut self) -> Result<(), ModelError> {
-        self.shared.clocks.map_or(Ok(()), |clocks| clocks.check_ended(self))
+        self.shared.clocks().map_or(Ok(()), |clocks| clocks.check_ended(self))
     }
 
     /// Ends an instant of event mode.
     pub(crate) fn update_instant(&mut self) -> Result<EventUpdate, ModelError> {
-        match self.shared.clocks {
+        match self.shared.clocks() {
             Some(clocks) => clocks.update(self),
             None => self.handle_events(),
         }

@@ -8,6 +8,7 @@
 //! which checks thoroughly and reports errors. The fast path never accepts a call that the instance would refuse.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr::NonNull;
 use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use fmi_abi::FmiFunction;
@@ -16,7 +17,7 @@ use fmi_abi::state::State;
 use crate::any_model::AnyModel;
 use crate::clock_functions::ClockFunctions;
 use crate::error::ModelError;
-use crate::instance::{Edge, Identity, Instance, Settings, Status, StepEnd};
+use crate::instance::{Edge, HAS_CLOCKS, Identity, Instance, Settings, Status, StepEnd};
 use crate::laid_out::LaidOut;
 use crate::large::{self, Part};
 use crate::layout::{Extent, Float64Place, elements_in_use, float64_at};
@@ -40,8 +41,15 @@ pub(crate) struct Head {
     pub(crate) edge: &'static Edge,
     /// The functions of clocks, if the model has some.
     pub(crate) clock_functions: Option<&'static ClockFunctions>,
+    preemption: Option<NonNull<Preemption>>,
+}
+
+impl Head {
     /// Lets one call at a time use the instance, if the host may preempt calls.
-    preemption: Option<Box<Preemption>>,
+    fn preemption(&self) -> Option<&Preemption> {
+        // SAFETY: it belongs to the settings of the instance, and lives as long as the head.
+        self.preemption.filter(|_| HAS_CLOCKS).map(|preemption| unsafe { preemption.as_ref() })
+    }
 }
 
 /// The functions that are compiled for each model. The pointer is to a hosted instance of this model, which is not
@@ -89,7 +97,21 @@ pub(crate) unsafe fn call(
     mut operation: impl FnMut(&mut Instance) -> Result<(), ModelError>,
 ) -> Status {
     // SAFETY: the caller's promise.
-    unsafe { use_instance(pointer, call, &mut |instance| instance.guard(call, &mut operation)) }
+    unsafe { guard(pointer, call, &mut operation) }
+}
+
+/// The code of [`call`] that all calls share.
+///
+/// # Safety
+/// As [`call`].
+#[inline(never)]
+unsafe fn guard(
+    pointer: Pointer,
+    call: &FmiFunction,
+    operation: &mut dyn FnMut(&mut Instance) -> Result<(), ModelError>,
+) -> Status {
+    // SAFETY: the caller's promise.
+    unsafe { use_instance(pointer, call, |instance| instance.guard(call, operation)) }
 }
 
 /// Logs why a call of the instance behind a pointer fails.
@@ -97,33 +119,34 @@ pub(crate) unsafe fn call(
 /// # Safety
 /// As [`call`].
 #[cold]
+#[inline(never)]
 pub(crate) unsafe fn refuse(pointer: Pointer, call: &FmiFunction, reason: &str) -> Status {
     // SAFETY: the caller's promise.
-    unsafe { use_instance(pointer, call, &mut |instance| instance.refuse(call, reason)) }
+    unsafe { use_instance(pointer, call, |instance| instance.refuse(call, reason)) }
 }
 
 /// Does something with the instance behind a pointer, unless a preempted call is doing so; an error for NULL.
 ///
 /// # Safety
 /// As [`call`].
-#[inline(never)]
+#[inline(always)]
 pub(crate) unsafe fn use_instance(
     pointer: Pointer,
     call: &FmiFunction,
-    operation: &mut dyn FnMut(&mut Instance) -> Status,
+    operation: impl FnOnce(&mut Instance) -> Status,
 ) -> Status {
     // SAFETY: the caller's promise.
     let Some(head) = (unsafe { head(pointer) }) else { return Status::Error };
-    // SAFETY: as above; no other call uses the instance, either by the caller's promise or as it is excluded.
-    let mut operation = || operation(unsafe { &mut *(head.vtable.instance)(pointer) });
-    match &head.preemption {
-        None => operation(),
-        Some(preemption) => {
-            let mut status = Status::Error;
-            preemption.exclude(call, &mut || status = operation());
-            status
-        }
+    let preemption = head.preemption();
+    if preemption.is_some_and(|preemption| !preemption.begin(call)) {
+        return Status::Error;
     }
+    // SAFETY: as above; no other call uses the instance, either by the caller's promise or as it is excluded.
+    let status = operation(unsafe { &mut *(head.vtable.instance)(pointer) });
+    if let Some(preemption) = preemption {
+        preemption.end();
+    }
+    status
 }
 
 /// The instance behind a pointer; `None` for NULL.
@@ -141,10 +164,10 @@ pub(crate) unsafe fn instance_at<'a>(pointer: Pointer) -> Option<&'a mut Instanc
 /// As [`head`], and the pointer is not used again.
 pub(crate) unsafe fn free(pointer: Pointer) {
     // SAFETY: the caller's promise; the functions belong to the instance.
-    let head = unsafe { head(pointer) };
+    let Some(head) = (unsafe { head(pointer) }) else { return };
     // What a preempted call uses cannot be freed.
-    let head = head.filter(|head| !head.preemption.as_ref().is_some_and(|p| p.is_in_use()));
-    if let Some(free) = head.map(|head| head.vtable.free) {
+    if !head.preemption().is_some_and(Preemption::is_in_use) {
+        let free = head.vtable.free;
         // SAFETY: as above.
         let freed = catch_unwind(AssertUnwindSafe(|| unsafe { free(pointer) }));
         let _ = freed.map_err(discard);
@@ -165,10 +188,11 @@ pub(crate) fn create<M: Model, const N: usize>(
 
 /// As [`create`], for a model with clocks: in scheduled execution, a host may preempt calls of the instance.
 pub(crate) fn create_preemptible<M: Model, const N: usize>(
-    mut settings: Settings,
+    settings: Settings,
     identity: Identity,
 ) -> Option<Pointer> {
-    let preemption = settings.preemption.take();
+    let scheduling = settings.scheduling();
+    let preemption = scheduling.map(|scheduling| NonNull::from(&*scheduling.preemption));
     let pointer = create::<M, N>(settings, identity)?;
     if preemption.is_some() {
         // SAFETY: the pointer is to a new instance of the model.

@@ -13,7 +13,7 @@ impl Instance {
     /// Computes the outputs from the start values and inputs; nothing changes if that fails.
     pub(crate) fn initialize(&mut self) -> Result<(), ModelError> {
         let before = self.model.copy();
-        let initialized = self.initialize_model().and_then(|()| match self.shared.clocks {
+        let initialized = self.initialize_model().and_then(|()| match self.shared.clocks() {
             Some(clocks) => clocks.initialize(self),
             None => Ok(()),
         });
@@ -30,7 +30,7 @@ impl Instance {
         if let Some(starts) = &mut shared.starts {
             model.take_starts(starts.as_mut());
         }
-        if let Some(clocks) = shared.clocks {
+        if let Some(clocks) = shared.clocks() {
             clocks.prepare(self);
         }
         let (model, shared) = (&mut self.model, &mut self.shared);

@@ -3,6 +3,7 @@
 //! a method of the instance.
 
 use std::any::Any;
+use std::cell::RefCell;
 use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
@@ -55,6 +56,24 @@ pub(crate) struct Edge {
 /// Tells the host that it may ask for clocks.
 pub(crate) type ClockUpdate = Rc<dyn Fn()>;
 
+/// How a host computes model partitions.
+pub(crate) struct Scheduling {
+    /// Lets one call at a time use the instance.
+    pub(crate) preemption: Rc<Preemption>,
+    /// Tells the host of news about clocks during an activation.
+    pub(crate) clock_update: Option<ClockUpdate>,
+    /// The threads on which it is told.
+    pub(crate) updating: RefCell<Vec<ThreadId>>,
+}
+
+impl Scheduling {
+    pub(crate) fn new(preemption: Preemption, clock_update: Option<ClockUpdate>) -> Box<Self> {
+        // With this capacity, an activation allocates nothing.
+        let updating = RefCell::new(Vec::with_capacity(8));
+        Box::new(Self { preemption: Rc::new(preemption), clock_update, updating })
+    }
+}
+
 /// What a host says about an instance that it creates.
 pub(crate) struct Settings {
     pub(crate) edge: &'static Edge,
@@ -67,10 +86,8 @@ pub(crate) struct Settings {
     pub(crate) intermediate_update: Option<Rc<dyn Fn(IntermediateUpdate) -> Option<f64>>>,
     /// The variables that the host may access in an intermediate update.
     pub(crate) intermediate_variables: Vec<u32>,
-    /// Tells the host of news about clocks during an activation.
-    pub(crate) clock_update: Option<ClockUpdate>,
-    /// What lets one call at a time use the instance, in scheduled execution.
-    pub(crate) preemption: Option<Box<Preemption>>,
+    /// The [`Scheduling`], whose type only binaries with model partitions need to know.
+    pub(crate) scheduling: Option<Box<dyn Any>>,
     /// The [`Place`](crate::single_instance::Place) of the only instance in the process, which is given back when it is
     /// freed. Only the binaries of such models need to know its type.
     pub(crate) place: Option<Box<dyn Any>>,
@@ -86,10 +103,14 @@ impl Settings {
             early_return_allowed: false,
             intermediate_update: None,
             intermediate_variables: Vec::new(),
-            clock_update: None,
-            preemption: None,
+            scheduling: None,
             place: None,
         }
+    }
+
+    /// How the host computes model partitions, in scheduled execution.
+    pub(crate) fn scheduling(&self) -> Option<&Scheduling> {
+        self.scheduling.as_ref()?.downcast_ref()
     }
 
     /// Whether the host sees what happens in a step, which is then taken in parts.
@@ -147,12 +168,9 @@ pub(crate) struct Shared {
     pub(crate) lifecycle: Lifecycle,
     /// The sample instants of a model with several rates.
     pub(crate) rate_clocks: RateClocks,
-    /// The clocks of a model that has some.
-    pub(crate) clocks: Option<&'static dyn Clocks>,
+    clocks: Option<&'static dyn Clocks>,
     /// The present instant of a model with clocks, in event mode.
     pub(crate) instant: PresentInstant,
-    /// The threads on which the host is told of news about clocks, in scheduled execution.
-    pub(crate) updating: Vec<ThreadId>,
     pub(crate) settings: Settings,
     pub(crate) guid: &'static Guid,
     variant: Option<VariantStarts>,
@@ -173,17 +191,8 @@ pub(crate) struct Shared {
 }
 
 impl<M: AnyModel> Instance<M> {
-    pub(crate) fn new(
-        settings: Settings,
-        Identity { guid, variant, clocks, .. }: Identity,
-        mut model: M,
-    ) -> Self {
-        (&mut model as &mut dyn AnyModel).connect_logs(&settings.log);
+    pub(crate) fn new(settings: Settings, identity: Identity, mut model: M) -> Self {
         let info = model.info();
-        let clocks = clocks.filter(|_| settings.edge.has_clocks);
-        // providesIntermediateUpdate is false for the others.
-        let intermediate_update = (settings.intermediate_update).filter(|_| info.is_continuous);
-        let settings = Settings { intermediate_update, ..settings };
         // In event mode, a step of the model's own may not handle the events.
         let is_eventful =
             info.is_continuous && settings.instance_type == InstanceType::CoSimulationWithEvents;
@@ -191,29 +200,45 @@ impl<M: AnyModel> Instance<M> {
             true => model.workspace(),
             false => Workspace::default(),
         };
+        Self { shared: Shared::new(settings, identity, workspace, &mut model), model }
+    }
+}
+
+impl Shared {
+    #[inline(never)]
+    fn new(
+        settings: Settings,
+        Identity { guid, variant, clocks, .. }: Identity,
+        workspace: Workspace,
+        model: &mut dyn AnyModel,
+    ) -> Self {
+        model.connect_logs(&settings.log);
+        let info = model.info();
+        let clocks = clocks.filter(|_| settings.edge.has_clocks);
+        // providesIntermediateUpdate is false for the others.
+        let intermediate_update = (settings.intermediate_update).filter(|_| info.is_continuous);
+        let settings = Settings { intermediate_update, ..settings };
         Self {
-            shared: Shared {
-                lifecycle: Lifecycle::new(settings.instance_type),
-                rate_clocks: RateClocks::unset(info.rates),
-                clocks,
-                instant: PresentInstant::default(),
-                updating: Vec::with_capacity(match settings.instance_type {
-                    InstanceType::ScheduledExecution => 8, // so that an activation allocates nothing
-                    _ => 0,
-                }),
-                settings,
-                guid,
-                variant,
-                starts: None,
-                warned: Vec::new(),
-                deprecated: Vec::new(),
-                texts: Vec::new(),
-                binaries: Vec::new(),
-                workspace,
-                before: None,
-            },
-            model,
+            lifecycle: Lifecycle::new(settings.instance_type),
+            rate_clocks: RateClocks::unset(info.rates),
+            clocks,
+            instant: PresentInstant::default(),
+            settings,
+            guid,
+            variant,
+            starts: None,
+            warned: Vec::new(),
+            deprecated: Vec::new(),
+            texts: Vec::new(),
+            binaries: Vec::new(),
+            workspace,
+            before: None,
         }
+    }
+
+    /// The clocks of a model that has some, which the compiler knows of a binary for FMI 2.0.
+    pub(crate) fn clocks(&self) -> Option<&'static dyn Clocks> {
+        self.clocks.filter(|_| HAS_CLOCKS)
     }
 }
 
@@ -234,8 +259,12 @@ impl Instance {
         call: &FmiFunction,
         operation: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Status {
-        let (instance_type, state) = (self.shared.lifecycle.instance_type, self.state(call));
-        if let Some(why) = instance_type.lacks(call) {
+        let Lifecycle { instance_type, state, .. } = self.shared.lifecycle;
+        let (lacks, state) = match self.shared.clocks() {
+            Some(clocks) => (instance_type.lacks_with_clocks(call), clocks.state(self, call)),
+            None => (instance_type.lacks(call), state),
+        };
+        if let Some(why) = lacks {
             return self.refuse(call, why);
         }
         if !call.is_allowed(state) {
@@ -246,12 +275,6 @@ impl Instance {
             Ok(Err(error)) => self.fail(call, error),
             Err(panic) => self.fail_by_panic(call, panic),
         }
-    }
-
-    /// The state that a call finds.
-    fn state(&self, call: &FmiFunction) -> State {
-        let clocks = self.shared.clocks;
-        clocks.map_or(self.shared.lifecycle.state, |clocks| clocks.state(self, call))
     }
 
     /// Logs why a call failed.
@@ -417,6 +440,9 @@ impl Instance {
     }
 }
 
+/// Whether the binary has clocks, which only FMI 3.0 has.
+pub(crate) const HAS_CLOCKS: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));
+
 /// Whether the host asks for clocks after an activation, until the next one: it cannot call a component in a callback.
 pub(crate) const UPDATES_AFTERWARDS: bool =
     cfg!(all(target_arch = "wasm32", not(feature = "sources")));
@@ -541,8 +567,11 @@ pub(crate) enum Interval {
 impl Instance {
     /// Whether the host is told of news about clocks on this thread.
     fn is_updating(&self) -> bool {
-        let updating = &self.shared.updating;
-        !updating.is_empty() && updating.contains(&thread::current().id())
+        let scheduling = self.shared.settings.scheduling();
+        scheduling.is_some_and(|scheduling| {
+            let updating = scheduling.updating.borrow();
+            !updating.is_empty() && updating.contains(&thread::current().id())
+        })
     }
 }
 

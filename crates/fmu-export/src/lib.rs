@@ -292,7 +292,11 @@ macro_rules! instantiate {
     (@ $version:ident $name:ident $args:tt get_version) => {};
     (@ $version:ident $name:ident $args:tt get_types_platform) => {};
     (@ $version:ident $name:ident $args:tt free_instance) => {};
-    (@ $version:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident) => {
+    (@ fmi3 $name:ident $args:tt instantiate_scheduled_execution) => {
+        const HAS_PARTITIONS: bool = $crate::Entry::have_partitions(MODELS);
+        $crate::instantiate!(@ fmi3 $name $args instantiate_scheduled_execution::<HAS_PARTITIONS>);
+    };
+    (@ $version:ident $name:ident($($arg:ident: $kind:tt),*) $($operation:tt)+) => {
         #[doc = concat!("`", stringify!($name), "`")]
         ///
         /// # Safety
@@ -302,7 +306,7 @@ macro_rules! instantiate {
         #[allow(non_snake_case, clippy::too_many_arguments, reason = "as in the standard")]
         pub unsafe extern "C" fn $name($($arg: $crate::abi::c_type!($kind)),*) -> *mut ::core::ffi::c_void {
             // SAFETY: the caller's promise, passed on.
-            unsafe { $crate::$version::$operation(MODELS, $($arg),*) }
+            unsafe { $crate::$version::$($operation)+(MODELS, $($arg),*) }
         }
     };
 }

@@ -101,18 +101,25 @@ impl InstanceType {
             (FunctionGroup::CoSimulation, Self::ModelExchange) => {
                 Some("it is a function of co-simulation, but the instance is for model exchange")
             }
+            (FunctionGroup::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
+                Some("it is a function of model exchange, but the instance is for co-simulation")
+            }
+            (FunctionGroup::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
+                Some("the instance was created without event mode: eventModeUsed was false")
+            }
+            _ => None,
+        }
+    }
+
+    /// As [`lacks`](Self::lacks), for an instance of a model with clocks.
+    pub(crate) fn lacks_with_clocks(self, call: &FmiFunction) -> Option<&'static str> {
+        match (call.group, self) {
             (FunctionGroup::CoSimulation, Self::ScheduledExecution) => Some(
                 "it is a function of co-simulation, but the instance is for scheduled execution",
             ),
             (FunctionGroup::ModelExchange, Self::ScheduledExecution) => Some(
                 "it is a function of model exchange, but the instance is for scheduled execution",
             ),
-            (FunctionGroup::ScheduledExecution, of_type) if of_type != Self::ScheduledExecution => {
-                Some("the instance is not for scheduled execution")
-            }
-            (FunctionGroup::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
-                Some("it is a function of model exchange, but the instance is for co-simulation")
-            }
             (_, Self::ScheduledExecution)
                 if call.is_allowed(State::Event)
                     && !call.is_allowed(State::Initialization)
@@ -120,10 +127,11 @@ impl InstanceType {
             {
                 Some("it is a function of event mode, but the instance is for scheduled execution")
             }
-            (FunctionGroup::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
-                Some("the instance was created without event mode: eventModeUsed was false")
+            (_, Self::ScheduledExecution) => None,
+            (FunctionGroup::ScheduledExecution, _) => {
+                Some("the instance is not for scheduled execution")
             }
-            _ => None,
+            _ => self.lacks(call),
         }
     }
 }

@@ -26,26 +26,29 @@ impl Preemption {
         lock: Option<fmi3PreemptionCallback>,
         unlock: Option<fmi3PreemptionCallback>,
         log: Log,
-    ) -> Box<Self> {
-        Box::new(Self { lock, unlock, is_in_use: AtomicBool::new(false), log })
+    ) -> Self {
+        Self { lock, unlock, is_in_use: AtomicBool::new(false), log }
     }
 
-    /// Performs a call that uses the instance, unless another one does.
-    pub(crate) fn exclude(&self, call: &FmiFunction, operation: &mut dyn FnMut()) {
+    /// Begins a call that uses the instance, unless another one does. Returns whether it does not, and
+    /// [`end`](Self::end) follows.
+    pub(crate) fn begin(&self, call: &FmiFunction) -> bool {
         call_back(self.lock);
-        match self.is_in_use.swap(true, Ordering::Acquire) {
-            false => {
-                operation();
-                self.is_in_use.store(false, Ordering::Release);
-            }
-            true => {
-                let message = format_args!(
-                    "{}: another call uses the instance; expected no call between lockPreemption and unlockPreemption",
-                    call.name
-                );
-                self.log.send(LogCategory::Error, message);
-            }
+        let is_in_use = self.is_in_use.swap(true, Ordering::Acquire);
+        if is_in_use {
+            let message = format_args!(
+                "{}: another call uses the instance; expected no call between lockPreemption and unlockPreemption",
+                call.name
+            );
+            self.log.send(LogCategory::Error, message);
+            call_back(self.unlock);
         }
+        !is_in_use
+    }
+
+    /// Ends the call that uses the instance.
+    pub(crate) fn end(&self) {
+        self.is_in_use.store(false, Ordering::Release);
         call_back(self.unlock);
     }
 

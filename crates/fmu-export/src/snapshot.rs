@@ -47,7 +47,7 @@ impl Instance {
             clocks: self.shared.rate_clocks.clone(),
             starts: self.shared.starts.as_ref().map(|starts| starts.copy()),
             model: self.model.copy(),
-            instant: match self.shared.clocks {
+            instant: match self.shared.clocks() {
                 Some(clocks) => clocks.copy(&self.shared.instant),
                 None => PresentInstant::default(),
             },
@@ -91,7 +91,7 @@ impl Instance {
         shared.lifecycle = snapshot.lifecycle;
         shared.rate_clocks.clone_from(&snapshot.clocks);
         shared.starts = snapshot.starts.as_ref().map(|starts| starts.copy());
-        if let Some(clocks) = shared.clocks {
+        if let Some(clocks) = shared.clocks() {
             clocks.assign(&mut shared.instant, &snapshot.instant);
         }
         Ok(())
@@ -108,7 +108,9 @@ impl Instance {
             && payload.put(&state.starts.is_some()).is_ok()
             && state.model.save(&mut payload).is_ok()
             && state.starts.iter().all(|starts| starts.save(&mut payload).is_ok())
-            && (self.shared.clocks)
+            && self
+                .shared
+                .clocks()
                 .is_none_or(|clocks| clocks.save(&state.instant, &mut payload).is_ok());
         ensure!(is_own && saved, "the state belongs to another model");
         let mut bytes =
@@ -155,7 +157,7 @@ impl Instance {
         };
         let model = load()?;
         let starts = if has_starts { Some(load()?) } else { None };
-        let instant = match self.shared.clocks {
+        let instant = match self.shared.clocks() {
             Some(clocks) => clocks.load(&self.model, &mut loader).map_err(|_| damaged())?,
             None => PresentInstant::default(),
         };

@@ -84,7 +84,7 @@ impl Instance {
         put: &mut dyn FnMut(usize, Value),
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
-        if let Some(clocks) = self.shared.clocks {
+        if let Some(clocks) = self.shared.clocks() {
             clocks.before_get(self, references)?;
         }
         let elements = self.element_references(references, n)?;
@@ -220,7 +220,7 @@ impl Instance {
             !references.iter().any(|&reference| self.is_time(reference)),
             "time is the independent variable, which the host does not set"
         );
-        if let Some(clocks) = self.shared.clocks {
+        if let Some(clocks) = self.shared.clocks() {
             clocks.before_set(self, references)?;
         }
         let elements = self.element_references(references, n)?;

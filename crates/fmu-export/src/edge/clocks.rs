@@ -38,7 +38,7 @@ unsafe fn activate(instance: fmi3Instance, clock: u32, time: f64) -> fmi3Status 
         if let Some(update) = update {
             update();
             if !UPDATES_AFTERWARDS {
-                fast::use_instance(instance, operation, &mut end_clock_update);
+                fast::use_instance(instance, operation, end_clock_update);
             }
         }
         fmi3Status(status as c_int)

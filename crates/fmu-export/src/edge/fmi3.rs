@@ -18,14 +18,16 @@ use std::rc::Rc;
 pub use fmi_abi::fmi3::*;
 use fmi_abi::state::State;
 use fmi_abi::{FmiVersion, c_type, fmi3_functions};
-use fmu_description::{Type, Value};
+use fmu_description::{LogCategory, Type, Value};
 
 use super::instantiate;
 use crate::any_model::SolverVector;
 use crate::entry::Entry;
 use crate::error::ModelError;
 use crate::fast::{self, call, free, head, instance_at};
-use crate::instance::{ClockUpdate, Edge, Instance, IntermediateUpdate, Settings, Status};
+use crate::instance::{
+    ClockUpdate, Edge, Instance, IntermediateUpdate, Scheduling, Settings, Status,
+};
 use crate::lifecycle::{InstanceType, NOT_SCHEDULED};
 use crate::log::{Log, Sink};
 use crate::pointers::{NULL_ARRAY, c_message, slice, slice_mut, text};
@@ -128,11 +130,12 @@ pub unsafe fn instantiate_co_simulation(
     instantiate(function, models, (name, token), instance_type, settings)
 }
 
-/// `fmi3InstantiateScheduledExecution`. On failure, logs the reason and returns NULL.
+/// `fmi3InstantiateScheduledExecution`. On failure, logs the reason and returns NULL, as libraries without model
+/// partitions always do.
 ///
 /// # Safety
 /// The requirements of the standard on the caller.
-pub unsafe fn instantiate_scheduled_execution(
+pub unsafe fn instantiate_scheduled_execution<const HAS_PARTITIONS: bool>(
     models: &'static [Entry],
     name: fmi3String,
     token: fmi3String,
@@ -146,18 +149,23 @@ pub unsafe fn instantiate_scheduled_execution(
     unlock_preemption: Option<fmi3PreemptionCallback>,
 ) -> fmi3Instance {
     let log = || Log::new(sink(environment, log_message), logging_on != fmi3False);
+    let function = "fmi3InstantiateScheduledExecution";
+    if !HAS_PARTITIONS {
+        log().send(LogCategory::Error, format_args!("{function}: {NOT_SCHEDULED}"));
+        return std::ptr::null_mut();
+    }
     // SAFETY: the caller's promise.
     let [name, token, path] = unsafe { [text(name), text(token), text(resources)] };
+    let clock_update = clock_update.map(|function| {
+        // SAFETY: the host provides this function for this environment.
+        Rc::new(move || unsafe { function(environment) }) as ClockUpdate
+    });
+    let preemption = Preemption::new(lock_preemption, unlock_preemption, log());
     let settings = Settings {
-        clock_update: clock_update.map(|function| {
-            // SAFETY: the host provides this function for this environment.
-            Rc::new(move || unsafe { function(environment) }) as ClockUpdate
-        }),
-        preemption: Some(Preemption::new(lock_preemption, unlock_preemption, log())),
+        scheduling: Some(Scheduling::new(preemption, clock_update)),
         ..Settings::new(&EDGE, log(), Folder::named(FmiVersion::Fmi3, path))
     };
-    let (function, instance_type) =
-        ("fmi3InstantiateScheduledExecution", Ok(InstanceType::ScheduledExecution));
+    let instance_type = Ok(InstanceType::ScheduledExecution);
     instantiate(function, models, (name, token), instance_type, settings)
 }
 

@@ -184,7 +184,7 @@ pub unsafe fn instantiate(
                     log,
                 ),
                 #[cfg(feature = "scheduled-execution")]
-                2 => instantiate_scheduled_execution(
+                2 => instantiate_scheduled_execution::<true>(
                     models,
                     name,
                     token,

@@ -272,7 +272,7 @@ impl Instance {
                 (Fmi3, Exchanged) => instantiate_model_exchange(
                     models, name, token, path, 0, debug.into(), environment, log,
                 ),
-                (Fmi3, Scheduled) => instantiate_scheduled_execution(
+                (Fmi3, Scheduled) => instantiate_scheduled_execution::<true>(
                     models, name, token, path, 0, debug.into(), environment, log, Some(clock_update), Some(lock),
                     Some(unlock),
                 ),

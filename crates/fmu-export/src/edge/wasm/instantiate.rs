@@ -9,7 +9,7 @@ use super::scratch::put;
 use crate::canonical::{slice, text};
 use crate::edge::fmi3::{EDGE, fmi3FreeInstance};
 use crate::entry::Entry;
-use crate::instance::Settings;
+use crate::instance::{Scheduling, Settings};
 use crate::lifecycle::InstanceType;
 use crate::log::{self, Log, Sink};
 use crate::needs::new_co_simulation;
@@ -125,8 +125,10 @@ unsafe extern "C" fn instantiate_scheduled_execution(
     let clock_update = fmu_export_models().iter().find_map(|model| model.needs.clock_update);
     // A host cannot preempt a call of a component, so there is nothing to lock.
     let settings = Settings {
-        preemption: Some(Preemption::new(None, None, Log::new(None, false))),
-        clock_update: clock_update.map(|f| Rc::new(f) as Rc<_>),
+        scheduling: Some(Scheduling::new(
+            Preemption::new(None, None, Log::new(None, false)),
+            clock_update.map(|f| Rc::new(f) as Rc<_>),
+        )),
         ..settings(&name, logging_on)
     };
     instantiate(
