@@ -9,7 +9,9 @@ use super::scratch::put;
 use crate::canonical::{slice, text};
 use crate::edge::fmi3::{EDGE, fmi3FreeInstance};
 use crate::entry::Entry;
-use crate::instance::{Scheduling, Settings};
+#[cfg(feature = "scheduled-execution")]
+use crate::instance::Scheduling;
+use crate::instance::Settings;
 use crate::lifecycle::InstanceType;
 use crate::log::{self, Log, Sink};
 use crate::needs::new_co_simulation;
