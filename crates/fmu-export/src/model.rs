@@ -120,12 +120,12 @@ pub trait Behavior: Any {
     }
 }
 
-/// A model without `#[model(continuous)]`, implemented by `#[derive(Model)]`.
+/// A model without `#[model(clocked)]` and `#[model(continuous)]`, implemented by `#[derive(Model)]`.
 #[doc(hidden)]
 #[diagnostic::on_unimplemented(
     message = "`{Self}` cannot implement `Simulate`",
-    label = "expected a struct with #[derive(Model)], and without `continuous`",
-    note = "with `#[model(continuous)]`, write `impl Continuous` instead; a function that takes steps better than the integrator is named by `#[model(continuous, step = Self::step)]`"
+    label = "expected a struct with #[derive(Model)], and without `clocked` and `continuous`",
+    note = "with `#[model(clocked)]`, write `impl Clocked` instead, with `#[model(continuous)]`, `impl Continuous`; a function that takes steps better than the integrator is named by `#[model(continuous, step = Self::step)]`"
 )]
 pub trait Stepped: Model {}
 
