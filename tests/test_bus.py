@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fmu_master._values import document
-from native import LOOPS, ROOT, replaced, simulate
+from native import LOOPS, ROOT, printed, replaced, simulate
 from pendulum_fmus.project import FMUS
 
 EXAMPLE = ROOT / "examples" / "can" / "loop.toml"
@@ -145,3 +145,17 @@ def test_a_bus_without_other_traffic_is_a_delay(tmp_path: Path) -> None:
     loop = plain(tmp_path, connections=connections, **keys)
     same(bus["plant.theta"], simulate(loop, tmp_path, *options)["plant.theta"])
     assert abs(bus["plant.theta"]).max() > 0.05
+
+
+def test_an_ssp_package_of_a_network_gives_the_bits_of_its_system(tmp_path: Path) -> None:
+    keys = {"stop": 0.1, "step": 0.0002, "output_step": 0.0002, "order": "parallel"}
+    nodes = ["sensor", "controller", "actuator", "urgent"]
+    connections = [*SIGNALS, "actuator.u -> plant.u"]
+    connections += [f"{name}.can -> bus.node[{i}]" for i, name in enumerate(nodes, 1)]
+    file = system(tmp_path, connections, {"bus": {"nodes": len(nodes)}}, **keys)
+    expected = simulate(file, tmp_path)
+    assert expected["bus.busy"][-1] > 0.01
+    printed("ssp", file, "--out", tmp_path)
+    found = simulate(tmp_path / "system.ssp", tmp_path)
+    for name in expected:
+        same(found[name], expected[name])

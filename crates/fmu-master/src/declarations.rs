@@ -24,6 +24,8 @@ pub(crate) struct DeclaredVariable {
     pub(crate) of_type: Type,
     pub(crate) unit: Option<String>,
     pub(crate) mime_type: Option<String>,
+    /// Whether it is a clock that the master ticks.
+    pub(crate) is_time_based: bool,
     /// The names of the clocks at whose ticks it changes.
     pub(crate) clocks: Vec<String>,
     pub(crate) dimensions: Vec<DeclaredLength>,
@@ -60,6 +62,9 @@ impl Declarations {
                 of_type: v.of_type,
                 unit: v.unit.clone(),
                 mime_type: v.mime_type.clone(),
+                is_time_based: v
+                    .clock
+                    .is_some_and(|clock| clock.interval_variability.is_time_based()),
                 clocks: v.clocks.iter().filter_map(|clock| clocks.get(clock).cloned()).collect(),
                 dimensions: lengths.collect(),
             };

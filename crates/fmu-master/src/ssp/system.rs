@@ -70,6 +70,8 @@ struct Connector {
 struct End {
     /// Whether values come from it.
     is_source: bool,
+    /// Whether it is a clock of a component that the master ticks, and others with it.
+    is_time_based: bool,
     port: ConnectorPath,
     /// The dimensions of what is connected, as far as they are known.
     dimensions: Vec<Option<usize>>,
@@ -268,6 +270,10 @@ impl<'a> FlatSystem<'a> {
         let (from, to) = match (start, end) {
             (from @ End { is_source: true, .. }, to @ End { is_source: false, .. })
             | (to @ End { is_source: false, .. }, from @ End { is_source: true, .. }) => (from, to),
+            // The master ticks one of two input clocks, and the other one with it.
+            (one, other) if !one.is_source && one.is_time_based != other.is_time_based => {
+                if one.is_time_based { (one, other) } else { (other, one) }
+            }
             (End { is_source, port: a, .. }, End { port: b, .. }) => {
                 let what = if is_source { "give" } else { "take" };
                 let (a, b) = (a.full(), b.full());
@@ -334,7 +340,9 @@ impl<'a> FlatSystem<'a> {
             dimensions.clear();
         }
         // Seen from inside, an input of the system itself is a source.
-        Ok(End { is_source: connector.is_output == of.is_some(), port, dimensions })
+        let is_source = connector.is_output == of.is_some();
+        let is_time_based = self.variable(&port).is_some_and(|variable| variable.is_time_based);
+        Ok(End { is_source, is_time_based, port, dimensions })
     }
 
     /// The dimensions of a connector, as far as they are known: of the variable of its FMU, else as stated.
