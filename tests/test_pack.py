@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
-from native import call, read_csv
+from native import call, in_c, printed, read_csv, write_system
 from pendulum_fmus.project import PROGRAM, ROOT
 
 LOOP = ROOT / "examples" / "closed-loop" / "pid.toml"
@@ -282,6 +282,21 @@ def test_a_table_chooses_and_renames_what_is_exposed(
         ("controller.y", "local"),
         ("gain", "parameter"),
     ]
+
+
+def test_a_clocked_variable_keeps_its_value_until_the_next_tick(
+    library: Path, tmp_path: Path
+) -> None:
+    # It ticks at 0, 0.25 and 0.5 s.
+    in_c(tmp_path / "Ticker.fmu")
+    keys: dict[str, Any] = {"outputs": ["a.value", "a.sent"], "stop": 0.6, "step": 0.1}
+    file = write_system(tmp_path, {"a": {"received": False}}, fmu="Ticker", **keys)
+    container = tmp_path / "Ticks.fmu"
+    printed("pack", file, "-o", container, "--binary", f"linux64={library}")
+    found = fmpy.simulate_fmu(str(container), stop_time=0.6, output_interval=0.1)
+    # A host has a row of the system after the step that begins with it.
+    assert list(found["a.sent"]) == [False, True, False, False, True, False, True]
+    assert list(found["a.value"]) == [0.0] + [1.0] * 6
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,9 @@ impl Plan {
                 Type::Clock => Type::Boolean,
                 kind => kind,
             };
-            let optional = kind == variable.of_type && id.is_clocked(&components);
+            // The host of a container always gets a value: the last one.
+            let may_be_absent = !description.is_in_container;
+            let optional = may_be_absent && kind == variable.of_type && id.is_clocked(&components);
             Column { items, optional, ..Column::new(name, unit, kind) }
         };
         let columns = Vec::from_iter(recorded.iter().zip(names).map(column));
