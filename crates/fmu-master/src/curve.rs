@@ -83,7 +83,8 @@ pub fn of_plan(plan: &Plan) -> Vec<Curve> {
 
 /// How the columns of a file are drawn, by their names and units.
 pub fn of_columns(columns: &[Column]) -> Vec<Curve> {
-    let mut curves = Curves::new(columns.iter().map(|column| !column.kind.is_float()));
+    let are_held = columns.iter().map(|column| !column.kind.is_float() || column.optional);
+    let mut curves = Curves::new(are_held);
     curves.add_by_names(columns);
     curves.all
 }

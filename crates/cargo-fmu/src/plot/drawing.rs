@@ -308,14 +308,18 @@ fn columns_of(
     rows: impl Iterator<Item = Result<TimedRow>>,
 ) -> Result<Vec<Column>> {
     let columns = Vec::from_iter(titles.into_iter().skip(1));
-    // Whether the values are texts, Booleans and whole numbers.
-    let mut kinds = vec![[false, true, true]; columns.len()];
+    // Whether the values are texts, Booleans and whole numbers, and some are absent, as of clocked variables.
+    let mut kinds = vec![[false, true, true, false]; columns.len()];
     let mut count = 0;
     for row in rows {
         let (_, cells) = row?;
         count += 1;
-        for ([has_text, are_booleans, are_whole], cell) in kinds.iter_mut().zip(&cells[1..]) {
-            let Some(cell) = cell else { continue };
+        for (kinds, cell) in kinds.iter_mut().zip(&cells[1..]) {
+            let [has_text, are_booleans, are_whole, optional] = kinds;
+            let Some(cell) = cell else {
+                *optional = true;
+                continue;
+            };
             *has_text |= matches!(cell, Cell::String(_));
             *are_booleans &= matches!(cell, Cell::Boolean(_));
             *are_whole &= cell.as_whole().is_some();
@@ -325,12 +329,12 @@ fn columns_of(
     let columns = columns.into_iter().zip(kinds).map(|(Series { name, unit, .. }, kinds)| {
         let kind = match kinds {
             [true, ..] => Type::String,
-            [_, true, true] => Type::Float64,
-            [_, true, _] => Type::Boolean,
-            [_, _, true] => Type::Int64,
+            [_, true, true, _] => Type::Float64,
+            [_, true, ..] => Type::Boolean,
+            [_, _, true, _] => Type::Int64,
             _ => Type::Float64,
         };
-        Column::new(name, unit, kind)
+        Column { optional: kinds[3], ..Column::new(name, unit, kind) }
     });
     Ok(columns.collect())
 }
@@ -402,6 +406,17 @@ mod tests {
         assert_eq!(*values(2), json!([1.5e308, -1.5e308]));
         assert_eq!(*values(3), json!([5e-324, 1e-310]));
         assert_eq!((values(4), &page[0]["columns"][4]["without"]), (&json!([null]), &json!(2)));
+    }
+
+    #[test]
+    fn a_value_that_is_absent_between_ticks_is_held() {
+        let cells = [None, Some(1.5), None, Some(2.5)].map(|cell| cell.map(Cell::Float64));
+        let times = series("time", &[0, 1, 2, 3].map(Cell::Int64));
+        let page = run("a", vec![times, Series::new("value", "", cells.into())]);
+        let page = Drawing::of_runs(page, Vec::new()).and_then(Drawing::finish).unwrap();
+        let column = &page[0]["columns"][0];
+        assert_eq!(column["values"], json!([null, 1.5, 1.5, 2.5]));
+        assert_eq!((&column["held"], &column["without"]), (&json!(true), &json!(0)));
     }
 
     #[test]
