@@ -22,6 +22,9 @@ impl Clock {
     ///
     /// To a `changing` clock, it is assigned in `initialize` and at each of its ticks. To a `countdown` clock, it may be
     /// assigned at any tick; the clock then ticks no more at the time that was assigned before.
+    ///
+    /// An assignment replaces the whole clock, so [`is_active`](Self::is_active) is false afterwards, also at its own
+    /// tick: ask first.
     pub const fn after(seconds: f64) -> Self {
         Self { is_active: false, interval: Some(seconds), is_new: true, shift: None }
     }
