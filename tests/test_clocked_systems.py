@@ -160,6 +160,17 @@ def test_a_countdown_clock_ticks_after_its_interval(ticker, silent, delay):
     np.testing.assert_allclose(result["b.alarmed_at"], last, atol=1e-12)
 
 
+@pytest.mark.parametrize("told", ["PENDING_IS_NAN", "PENDING_IS_UNKNOWN"])
+def test_a_countdown_that_is_pending_needs_no_interval(ticker, told):
+    """The sample is an event meanwhile, at which the interval of the alarm is asked for."""
+    fmu = ticker(told, **{CONSTANT: 'intervalVariability="constant" intervalDecimal="0.125"'})
+    start = {"interval": 0.125, "delay": 0.2}
+    result = run(TO_B, a=(ticker(), NEVER), b=(fmu, start))
+    # 0.2 + 0.25 k
+    assert list(result["b.alarms"]) == [0, 4, 8]
+    np.testing.assert_allclose(result["b.alarmed_at"], [0, 0.95, 1.95], atol=1e-12)
+
+
 def test_a_loop_with_a_delay_passes_messages_on(ticker, silent):
     """The answer to a message arrives at its sender after the delay."""
     connections = [*TO_B, "b.sent -> a.received", "b.value -> a.message"]

@@ -147,6 +147,12 @@ int fmi3GetIntervalDecimal(Ticker *t, References r, size_t n, double *intervals,
     if (r[0] == ALARM) {
         *qualifiers = t->due[ALARM] < 0 ? 0 : t->is_new ? 2 : 1;
         *intervals = t->due[ALARM] - t->time;
+#ifdef PENDING_IS_NAN
+        if (*qualifiers == 1) *intervals = NAN;
+#endif
+#ifdef PENDING_IS_UNKNOWN
+        if (*qualifiers == 1) *qualifiers = 0;
+#endif
         return t->is_new = false, 0;
     }
     *intervals = t->reals[INTERVAL];

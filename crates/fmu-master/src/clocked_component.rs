@@ -106,10 +106,10 @@ impl ComponentInstance<'_> {
         qualifier: IntervalQualifier,
     ) -> CallResult<(Option<Span>, bool)> {
         let kind = clock.of_type.interval_variability;
-        let may_be_unknown = kind == IntervalVariability::Countdown;
+        let is_countdown = kind == IntervalVariability::Countdown;
         let seconds = span.seconds();
         let error = match qualifier {
-            IntervalQualifier::NotYetKnown if may_be_unknown => return Ok((None, true)),
+            IntervalQualifier::NotYetKnown if is_countdown => return Ok((None, false)),
             IntervalQualifier::NotYetKnown => {
                 let kind = kind.as_str();
                 format!(
@@ -122,6 +122,8 @@ impl ComponentInstance<'_> {
             {
                 return Ok((Some(span), qualifier == IntervalQualifier::Changed));
             }
+            // Nobody needs the interval of a tick that is pending, so FMUs leave it out.
+            IntervalQualifier::Unchanged if is_countdown => return Ok((None, false)),
             _ => {
                 let positive = if kind.is_periodic() { "a" } else { "0 or a" };
                 format!(
@@ -283,7 +285,7 @@ impl ComponentInstance<'_> {
         inputs: &[InputClock],
         time: f64,
     ) -> CallResult {
-        use IntervalVariability::{Calculated, Changing, Countdown};
+        use IntervalVariability::{Calculated, Changing};
         for (ticks, clock) in clocks.ticks.iter_mut().zip(inputs) {
             let Some(ticks) = ticks else { continue };
             let has_ticked = clocks.active.contains(&clock.reference);
@@ -299,12 +301,11 @@ impl ComponentInstance<'_> {
             if !is_asked {
                 continue;
             }
-            match self.interval(clock)? {
-                (Some(interval), is_new) if is_new || kind == Changing => {
-                    ticks.restart(time, interval);
-                }
-                (None, _) if kind == Countdown => *ticks = Ticks::Next(None),
-                _ => {}
+            // A tick that is pending remains if the next interval is not yet known.
+            if let (Some(interval), is_new) = self.interval(clock)?
+                && (is_new || kind == Changing)
+            {
+                ticks.restart(time, interval);
             }
         }
         Ok(())
