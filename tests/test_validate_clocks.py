@@ -105,6 +105,10 @@ def test_a_defect_of_clocks_is_found(defect: str, tmp_path: Path) -> None:
     pytest.fail(str(found))
 
 
+def test_an_fmu_that_also_steps_in_event_mode_has_no_findings(tmp_path: Path) -> None:
+    assert findings(clocked(tmp_path, "STEPS_IN_EVENT_MODE", CS)) == []
+
+
 def test_a_clock_that_never_ticks_is_a_hint(tmp_path: Path) -> None:
     (found,) = findings(clocked(tmp_path, "NEVER_SENT", CS))
     assert found.startswith('hint: the output clock "sent" does not tick')

@@ -23,6 +23,7 @@ PLANT(UNKNOWN_CLOCK_READ, CS, "unknown-references", "fmi3GetClock reads an unkno
 PLANT(CLOCKED_CHANGES, CS, "clocked-kept", "a clocked output changes between its ticks")
 PLANT(CLOCKED_SETTABLE, CS, "clocked-settable", "a clocked input can be set while its clock is inactive")
 PLANT(NEVER_SENT, CS, NULL, "an output clock never ticks")
+PLANT(STEPS_IN_EVENT_MODE, CS, NULL, "fmi3DoStep accepts a call in event mode")
 PLANT(EVALUATION_COUNTS, CS, "evaluate-once", "fmi3EvaluateDiscreteStates counts the ticks")
 PLANT(EVENTS_NEVER_END, CS, "runs", "fmi3UpdateDiscreteStates always asks for another call")
 PLANT(COUNTDOWN_OF_ZERO, CS, "runs", "a countdown clock ticks again and again at one time")

@@ -111,7 +111,8 @@ int fmi3Terminate(Clocked *c) {
 int fmi3DoStep(Clocked *c, double time, double step, bool final, bool *event, bool *terminate, bool *early,
                double *last) {
     (void)final;
-    if (c->data.mode != STEP || !(step > 0 && step < 1e3) || !(fabs(time - c->data.time) < 1e-9)) return ERROR;
+    const bool steps = c->data.mode == STEP || (DEFECT == STEPS_IN_EVENT_MODE && c->data.mode == EVENT);
+    if (!steps || !(step > 0 && step < 1e3) || !(fabs(time - c->data.time) < 1e-9)) return ERROR;
     *event = *terminate = *early = false;
     *last = c->data.time = time + step;
     if (DEFECT == CLOCKED_CHANGES) c->data.ticks[SAMPLE]++, c->data.before[SAMPLE]++;
