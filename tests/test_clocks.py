@@ -179,6 +179,24 @@ def test_partitions_act_at_the_instants_of_the_table(instance) -> None:
     assert fifths == FIFTHS
 
 
+def test_each_tick_is_told_although_the_host_did_not_ask_for_the_last_one(instance) -> None:
+    fmu = instance("Counter", "ScheduledExecution")
+    fmu.exitInitializationMode()
+    told, asked = [], []
+
+    def on_update() -> None:
+        told.append(second)
+        if second == 14:
+            asked.append((is_active(fmu, "fifth"), interval(fmu, "late")))
+
+    fmu.on_update = on_update
+    for second in range(15):
+        fmu.activateModelPartition(fmu.names["second"], second)
+    # `fifth` ticks with every fifth tick of `second`, and the first of them starts `late`.
+    assert told == [4, 9, 14]
+    assert asked == [(True, (0.0, CHANGED))]
+
+
 def test_intervals_are_set_by_the_host_or_follow_parameters(instance) -> None:
     fmu = instance("Sampler", "CoSimulation", ts=0.5)
     assert [interval(fmu, clock) for clock in ("fixed", "sample", "tuned", "set")] == [

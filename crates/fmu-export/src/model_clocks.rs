@@ -50,6 +50,8 @@ pub(crate) struct Instant {
     before: Option<(Box<dyn AnyModel>, IntegrationState)>,
     /// When each model partition was last activated (s), in scheduled execution.
     activated: Vec<f64>,
+    /// Whether the model has acted with news for the host: an output has ticked, or a countdown has begun.
+    has_news: bool,
 }
 
 /// What has happened in an instant.
@@ -97,6 +99,7 @@ impl Deref for PresentInstant {
             stage: Stage::Begun,
             before: None,
             activated: Vec::new(),
+            has_news: false,
         };
         self.0.as_ref().and_then(|instant| instant.downcast_ref()).unwrap_or(BEGUN)
     }
@@ -318,8 +321,11 @@ impl ModelClocks {
         for scalar in &*clocks {
             let clock = clock_of(model, scalar);
             previous.push(*clock);
-            if clock.is_active() && is_aperiodic(scalar) {
-                clock.set_interval(clock.interval(), false); // it has passed
+            // What is new afterwards is from the model.
+            if is_aperiodic(scalar) {
+                clock.set_interval(clock.interval(), false);
+            } else if !is_input(scalar) {
+                clock.set_active(false);
             }
         }
         let states_changed = match model.info().is_continuous {
@@ -331,11 +337,36 @@ impl ModelClocks {
             }
         };
         let Instance { shared, model } = instance;
-        let Instant { clocks, previous, .. } = &*shared.instant;
+        let Instant { clocks, previous, has_news, .. } = &mut *shared.instant;
+        *has_news = false;
         for (scalar, previous) in clocks.iter().zip(previous) {
-            settle(scalar, clock_of(model, scalar), previous)?;
+            let clock = clock_of(model, scalar);
+            settle(scalar, clock, previous)?;
+            *has_news |= is_news(scalar, clock);
+            keep_unasked(scalar, clock, previous);
         }
         Ok(states_changed)
+    }
+}
+
+/// Whether a host is told of what the model has assigned to a clock.
+fn is_news(scalar: &ScalarVariable, clock: &Clock) -> bool {
+    match is_input(scalar) {
+        true => {
+            let variability = type_of(scalar).interval_variability;
+            variability == IntervalVariability::Countdown && clock.is_new()
+        }
+        false => clock.is_active(),
+    }
+}
+
+/// Keeps what a clock had before, if the host has not asked for it and it still holds.
+fn keep_unasked(scalar: &ScalarVariable, clock: &mut Clock, previous: &Clock) {
+    if !is_input(scalar) {
+        clock.set_active(clock.is_active() || previous.is_active());
+    } else if previous.is_new() && !previous.is_active() && clock.interval() == previous.interval()
+    {
+        clock.set_interval(clock.interval(), true);
     }
 }
 
@@ -770,19 +801,8 @@ impl Clocks for ModelClocks {
         Ok(())
     }
 
-    /// What another activation has told, it does not tell again.
     fn has_update(&self, instance: &mut Instance) -> bool {
-        let Instance { shared, model } = instance;
-        let Instant { clocks, previous, .. } = &*shared.instant;
-        clocks.iter().zip(previous).any(|(scalar, previous)| {
-            let clock = clock_of(model, scalar);
-            let is_countdown =
-                type_of(scalar).interval_variability == IntervalVariability::Countdown;
-            match is_input(scalar) {
-                true => is_countdown && clock.is_new() && !previous.is_new(),
-                false => clock.is_active() && !previous.is_active(),
-            }
-        })
+        instance.shared.instant.has_news
     }
 
     fn begin(&self, instance: &mut Instance) {
