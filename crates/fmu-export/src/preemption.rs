@@ -12,6 +12,7 @@ use crate::log::Log;
 
 /// Lets one call at a time use an instance.
 pub(crate) struct Preemption {
+    /// The host's functions, if it has both.
     lock: Option<fmi3PreemptionCallback>,
     unlock: Option<fmi3PreemptionCallback>,
     /// Whether a call uses the instance.
@@ -27,6 +28,8 @@ impl Preemption {
         unlock: Option<fmi3PreemptionCallback>,
         log: Log,
     ) -> Self {
+        // One without the other would leave the host locked.
+        let (lock, unlock) = lock.zip(unlock).unzip();
         Self { lock, unlock, is_in_use: AtomicBool::new(false), log }
     }
 
