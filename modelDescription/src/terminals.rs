@@ -101,15 +101,13 @@ impl ExportedModel {
         let signals = members.iter().filter(|(_, member)| !member.starts_with(CONFIGURATION));
         let parameters =
             members.iter().filter_map(|(v, member)| Some((v, member.strip_prefix(CONFIGURATION)?)));
-        let parameters: Vec<_> = parameters.map(|(v, member)| signal(v, member)).collect();
-        let configuration = (!parameters.is_empty()).then(|| {
-            let name = CONFIGURATION.trim_end_matches('.');
-            terminal(name, "org.fmi-ls-bus.network-terminal.configuration", "bus")
-                .holding_all(parameters)
-        });
+        let parameters = parameters.map(|(v, member)| signal(v, member));
+        let kind = "org.fmi-ls-bus.network-terminal.configuration";
+        // Also without parameters: the FMU Manipulation Toolbox looks for the one of the other terminal.
+        let configuration = terminal(CONFIGURATION.trim_end_matches('.'), kind, "bus");
         Ok(terminal(name, "org.fmi-ls-bus.network-terminal", "org.fmi-ls-bus.transceiver")
             .holding_all(signals.map(|(v, member)| signal(v, member)))
-            .holding_all(configuration))
+            .holding(configuration.holding_all(parameters)))
     }
 }
 
