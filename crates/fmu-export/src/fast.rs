@@ -10,6 +10,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::NonNull;
 use std::slice::{from_raw_parts, from_raw_parts_mut};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use fmi_abi::FmiFunction;
 use fmi_abi::state::State;
@@ -42,6 +43,8 @@ pub(crate) struct Head {
     /// The functions of clocks, if the model has some.
     pub(crate) clock_functions: Option<&'static ClockFunctions>,
     preemption: Option<NonNull<Preemption>>,
+    /// The callbacks of the host that are in progress, after which calls go on.
+    callbacks: AtomicU32,
 }
 
 impl Head {
@@ -158,6 +161,19 @@ pub(crate) unsafe fn instance_at<'a>(pointer: Pointer) -> Option<&'a mut Instanc
     unsafe { head(pointer).map(|head| &mut *(head.vtable.instance)(pointer)) }
 }
 
+/// Calls the host, which may call functions of the instance meanwhile, but not free it.
+///
+/// # Safety
+/// As [`head`]; no reference to the instance is held.
+pub(crate) unsafe fn call_back<T>(pointer: Pointer, callback: impl FnOnce() -> T) -> T {
+    // SAFETY: the caller's promise; no reference is held during the callback.
+    let callbacks = || unsafe { head(pointer) }.map(|head| &head.callbacks);
+    callbacks().map(|count| count.fetch_add(1, Ordering::Relaxed));
+    let returned = callback();
+    callbacks().map(|count| count.fetch_sub(1, Ordering::Relaxed));
+    returned
+}
+
 /// Frees an instance. If the model's destructor panics, its memory leaks, but the host keeps running.
 ///
 /// # Safety
@@ -165,8 +181,9 @@ pub(crate) unsafe fn instance_at<'a>(pointer: Pointer) -> Option<&'a mut Instanc
 pub(crate) unsafe fn free(pointer: Pointer) {
     // SAFETY: the caller's promise; the functions belong to the instance.
     let Some(head) = (unsafe { head(pointer) }) else { return };
-    // What a preempted call uses cannot be freed.
-    if !head.preemption().is_some_and(Preemption::is_in_use) {
+    // What a preempted call uses, or one that calls the host, cannot be freed.
+    let is_in_use = head.preemption().is_some_and(Preemption::is_in_use);
+    if !is_in_use && head.callbacks.load(Ordering::Relaxed) == 0 {
         let free = head.vtable.free;
         // SAFETY: as above.
         let freed = catch_unwind(AssertUnwindSafe(|| unsafe { free(pointer) }));
@@ -235,7 +252,14 @@ impl<M: Model, const N: usize> HostedInstance<LaidOut<M, N>> {
         let is_stepped_in_parts = instance.shared.settings.is_stepped_in_parts();
         let edge = instance.shared.settings.edge;
         let vtable = &Self::VTABLE;
-        let head = Head { vtable, is_stepped_in_parts, edge, clock_functions, preemption: None };
+        let head = Head {
+            vtable,
+            is_stepped_in_parts,
+            edge,
+            clock_functions,
+            preemption: None,
+            callbacks: AtomicU32::new(0),
+        };
         Box::new(Self { head, instance })
     }
 

@@ -36,7 +36,7 @@ unsafe fn activate(instance: fmi3Instance, clock: u32, time: f64) -> fmi3Status 
         });
         // The host may call functions of the instance, which no call uses now.
         if let Some(update) = update {
-            update();
+            fast::call_back(instance, || update());
             if !UPDATES_AFTERWARDS {
                 fast::use_instance(instance, operation, end_clock_update);
             }

@@ -322,7 +322,8 @@ unsafe extern "C" fn step_in_parts(
 /// As [`step_in_parts`].
 unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Status, StepResults) {
     // SAFETY: the caller's promise; each reference ends before the callback.
-    let borrow = || unsafe { instance_at(instance) };
+    let pointer = instance;
+    let borrow = || unsafe { instance_at(pointer) };
     let failed = (Status::Error, StepResults::plain(time));
     let Some(instance) = borrow() else {
         return failed;
@@ -337,7 +338,10 @@ unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Status, Ste
         match next {
             Next::Return(status, results) => return (status, results),
             Next::Update(update) => {
-                let requested = call_back.as_ref().and_then(|call_back| call_back(update));
+                let requested = call_back.as_ref().and_then(|call_back| {
+                    // SAFETY: as above.
+                    unsafe { fast::call_back(pointer, || call_back(update)) }
+                });
                 let Some(instance) = borrow() else {
                     return failed;
                 };

@@ -819,6 +819,13 @@ fn ticks_and_countdowns_are_told_in_clock_update_mode() {
 }
 
 #[test]
+fn an_instance_is_not_freed_in_its_update_of_clocks() {
+    let it = started(SCHEDULED);
+    it.on_clock_update(|f| f.free());
+    ok([it.activate(SAMPLE as c_int, 0.0), it.activate(SAMPLE as c_int, 1.0)]);
+}
+
+#[test]
 fn another_partition_may_preempt_the_update_of_clocks() {
     let it = started(SCHEDULED);
     it.on_clock_update(|f| {

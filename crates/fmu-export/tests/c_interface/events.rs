@@ -281,6 +281,18 @@ fn inputs_of_an_intermediate_update_cause_events() {
     assert_eq!(it.read(Type::Int32, [Relay::SWITCHES]), [1.0]);
 }
 
+#[test]
+fn an_instance_is_not_freed_in_its_intermediate_update() {
+    let it = Arguments::new(PLAIN[1], RELAY).make(|a| a.intermediate = Some(&[])).run(0.0);
+    it.on_update(|f, _| {
+        f.free();
+        None
+    });
+    let other = Instance::running(PLAIN[1], RELAY);
+    [&it, &other].map(|it| it.steps(0.0, 0.5));
+    near(it.get([Relay::X]), other.get([Relay::X]), 1e-8);
+}
+
 // --- discrete inputs and tunable parameters -----------------------------------------------------
 
 /// What [`Switches`] counts.
