@@ -321,8 +321,8 @@ unsafe extern "C" fn step_in_parts(
 /// # Safety
 /// As [`step_in_parts`].
 unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Status, StepResults) {
-    // SAFETY: the caller's promise; each reference ends before the callback.
     let pointer = instance;
+    // SAFETY: the caller's promise; each reference ends before the callback.
     let borrow = || unsafe { instance_at(pointer) };
     let failed = (Status::Error, StepResults::plain(time));
     let Some(instance) = borrow() else {
