@@ -289,7 +289,8 @@ fn an_instance_is_not_freed_in_its_intermediate_update() {
         None
     });
     let other = Instance::running(PLAIN[1], RELAY);
-    [&it, &other].map(|it| it.steps(0.0, 0.5));
+    it.steps(0.0, 0.5);
+    other.steps(0.0, 0.5);
     near(it.get([Relay::X]), other.get([Relay::X]), 1e-8);
 }
 
