@@ -21,7 +21,7 @@ FIFTHS = [2, 6, 9]
 
 
 class Scheduled(FMU3ScheduledExecution):
-    """An instance whose host does something when it is told of news about clocks."""
+    """An instance whose host does something in `clockUpdate`."""
 
     on_update: Callable[[], None] = staticmethod(lambda: None)
 
@@ -162,7 +162,7 @@ def test_partitions_act_at_the_instants_of_the_table(instance) -> None:
 
     def on_update() -> None:
         fifths.extend([now] if is_active(fmu, "fifth") else [])
-        assert not is_active(fmu, "fifth")  # it is told once
+        assert not is_active(fmu, "fifth")  # each tick is reported once
         time, qualifier = interval(fmu, "late")
         if qualifier == CHANGED:
             instants.of["late"] = now + time

@@ -227,12 +227,12 @@ pub struct ReadError<'a> {
 pub enum Problem {
     /// The buffer ends within code and length.
     Header {
-        /// What is left of the buffer (bytes).
+        /// The rest of the buffer (bytes).
         found: usize,
     },
     /// The buffer ends within the operation.
     Truncated {
-        /// What is left of the buffer (bytes).
+        /// The rest of the buffer (bytes).
         found: usize,
         /// Length of the operation, as it says (bytes).
         expected: u32,

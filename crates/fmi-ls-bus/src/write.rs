@@ -161,7 +161,7 @@ pub enum WriteProblem {
     TooLong {
         /// Its length (bytes).
         length: usize,
-        /// What is left of the buffer (bytes).
+        /// The free space in the buffer (bytes).
         room: usize,
     },
     /// An argument is not allowed.

@@ -62,7 +62,7 @@ pub(crate) struct Scheduling {
     pub(crate) preemption: Rc<Preemption>,
     /// Tells the host of news about clocks during an activation.
     pub(crate) clock_update: Option<ClockUpdate>,
-    /// The threads on which it is told.
+    /// The threads on which the host is in this callback.
     pub(crate) updating: RefCell<Vec<ThreadId>>,
 }
 
@@ -471,7 +471,7 @@ pub(crate) trait Clocks: Sync {
         false
     }
 
-    /// The state that a call finds: on a thread that is told of news about clocks, clock update mode.
+    /// The state that a call finds: on a thread whose host is in its callback, clock update mode.
     fn state(&self, instance: &Instance, call: &FmiFunction) -> State {
         let is_over = UPDATES_AFTERWARDS && call.is_allowed(State::ClockActivation);
         match instance.shared.lifecycle.state {
@@ -565,7 +565,7 @@ pub(crate) enum Interval {
 }
 
 impl Instance {
-    /// Whether the host is told of news about clocks on this thread.
+    /// Whether the host is in its callback for clocks on this thread.
     fn is_updating(&self) -> bool {
         let scheduling = self.shared.settings.scheduling();
         scheduling.is_some_and(|scheduling| {

@@ -349,7 +349,7 @@ impl ModelClocks {
     }
 }
 
-/// Whether a host is told of what the model has assigned to a clock.
+/// Whether `clockUpdate` reports what the model has assigned to a clock.
 fn is_news(scalar: &ScalarVariable, clock: &Clock) -> bool {
     match is_input(scalar) {
         true => {

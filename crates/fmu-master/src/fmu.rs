@@ -55,7 +55,7 @@ pub struct Fmu {
     /// mode.
     pub(crate) has_event_mode: bool,
     pub(crate) has_clocks: bool,
-    /// Whether its steps may return early, and whether it evaluates discrete states when it is told to.
+    /// Whether its steps may return early, and whether it has `fmi3EvaluateDiscreteStates`.
     pub(crate) may_return_early: bool,
     pub(crate) evaluates_discrete_states: bool,
     /// The highest order of the derivatives of its outputs, in co-simulation.

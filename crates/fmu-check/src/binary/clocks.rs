@@ -97,7 +97,7 @@ impl Run<'_> {
                 format!("the qualifier of the interval of {name} is {number}, expected 0, 1 or 2")
             }
             _ => format!(
-                "the interval of {name} is not yet known, expected that of a countdown clock only"
+                "the interval of {name} is not yet known, expected this only for countdown clocks"
             ),
         });
         let is_first = !self.position.schedule.told.contains(&clock.reference);

@@ -1,4 +1,4 @@
-//! Runs of scheduled execution: the model partitions are activated when their clocks tick, those of one time by their
+//! Runs of scheduled execution: the model partitions are activated when their clocks tick, at one time by their
 //! priorities (FMI 3.0.2, section 5.2).
 
 use std::sync::atomic::Ordering::Relaxed;
@@ -42,7 +42,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The clock that ticks next, and its time: of those of one time but for rounding, the one of the highest priority.
+    /// The clock that ticks next, and its time: at one time but for rounding, the clock of the highest priority.
     fn next_due(&self, end: f64) -> Option<(usize, f64)> {
         let clocks = &self.subject.clocks.inputs;
         let due = self.due_until(end);

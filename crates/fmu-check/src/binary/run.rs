@@ -395,7 +395,7 @@ impl<'a> Run<'a> {
     pub fn step(&mut self, time: f64, step: f64) -> Result<()> {
         let end = time + step;
         let (mut begin, mut size, mut early) = (time, step, 0);
-        // Other FMUs are told of ticks at the ends of steps.
+        // In other FMUs, clocks tick at the ends of steps.
         let splits =
             self.setup.event_mode && self.subject.claims("canHandleVariableCommunicationStepSize");
         if splits {

@@ -79,7 +79,7 @@ pub struct Intermediate {
     pub can_return: bool,
 }
 
-/// What a host does when it is told of news about clocks.
+/// What a host does in `clockUpdate`.
 type OnClockUpdate = Box<dyn FnMut(Fmu)>;
 
 /// What a host does in an intermediate update; it may request an early return at a time.
@@ -333,7 +333,7 @@ impl Instance {
         *self.host.on_update.borrow_mut() = Some(Box::new(act));
     }
 
-    /// What the host does when it is told of news about clocks.
+    /// What the host does in `clockUpdate`.
     pub fn on_clock_update(&self, act: impl FnMut(Fmu) + 'static) {
         *self.host.on_clock_update.borrow_mut() = Some(Box::new(act));
     }
