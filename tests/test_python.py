@@ -196,7 +196,7 @@ def test_what_does_not_fit_is_named(fmus):
         ({"start_values": {"M": "heavy"}}, 'M = "heavy" is invalid'),
         ({"start_values": {"m0": 1}}, "has no variable m0"),
         ({"stop_time": -1.0}, "stop = -1.0, expected at least start = 0.0"),
-        ({"interface": "scripted"}, 'interface = "scripted": .* expected `co-simulation` or'),
+        ({"interface": "scripted"}, 'interface = "scripted": .* expected one of `co-simulation`'),
         ({"step_size": "small"}, 'step = "small": .* expected a number'),
         ({"start_values": {1: 2}}, r"start values {1: 2}, expected a dict from names to values"),
         ({"start_values": [1]}, r"start values \[1\], expected a dict from names to values"),

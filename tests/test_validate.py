@@ -736,9 +736,9 @@ def test_info_shows_what_fmi_3_adds(tmp_path: Path) -> None:
         "phi local continuous Float64 rad -7 to 7 alias of x",
         "way parameter tunable Enumeration right 1 to 2",
         "data input discrete Binary 0aFF",
-        "clock input discrete Clock",
+        "clock input discrete Clock constant every 1 s, priority 1",
         "Way: left = 1, right = 2",
-        "a (plug): y, u[1,2].a, u[1,2].a, y",
+        "a (plug, k): y, u[1,2].a, u[1,2].a, y",
         "a (sequence): w16",
     ]:
         assert line.split() in lines, line

@@ -16,16 +16,20 @@ pub fn clocks<'a>(model: &'a ModelDescription<'_>) -> Clocks<'a> {
 
 /// A line for each clock: when it ticks, and which variables change then.
 pub fn clock_lines(model: &ModelDescription<'_>) -> Vec<String> {
-    let all = || model.variables().map(|(_, variable)| variable);
+    let mut clocked: HashMap<u32, Vec<&str>> = HashMap::new();
+    for (_, variable) in model.variables() {
+        for clock in &variable.clocks {
+            clocked.entry(*clock).or_default().push(&variable.name);
+        }
+    }
     let line = |clock: &XmlVariable<'_>| {
         let of_type = clock.clock?;
-        let clocked = all().filter(|variable| variable.clocks.contains(&clock.reference));
-        let clocked = Vec::from_iter(clocked.map(|variable| &*variable.name)).join(", ");
-        let clocked = if clocked.is_empty() { clocked } else { format!(": {clocked}") };
+        let clocked = clocked.get(&clock.reference).map(|names| format!(": {}", names.join(", ")));
+        let clocked = clocked.unwrap_or_default();
         let causality = clock.causality.as_str();
         Some(format!("  {} ({causality}, {}){clocked}", clock.name, described(&of_type)))
     };
-    all().filter_map(line).collect()
+    model.variables().filter_map(|(_, variable)| line(variable)).collect()
 }
 
 /// The kind of a clock, and what is known of its ticks.
